@@ -1,0 +1,28 @@
+//! Shapes and containers that everything else is made of: rasters, grids, clouds, meshes, planes, boxes and the trees that search them.
+//!
+//! Metres and `f64` throughout; rasters are indexed (row, col) and hold what their user needs.
+
+mod aabb;
+mod bvh;
+mod kd_tree;
+mod plane;
+mod point_cloud;
+mod raster;
+mod triangle_mesh;
+mod voxel_grid;
+
+pub use aabb::Aabb;
+pub use bvh::{Bvh, RayHit, SurfacePoint};
+pub use kd_tree::KdTree;
+pub use plane::Plane;
+pub use point_cloud::PointCloud;
+pub use raster::Raster;
+pub use triangle_mesh::TriangleMesh;
+pub use voxel_grid::VoxelGrid;
+
+/// A point in space, metres.
+pub type Point = nalgebra::Point3<f64>;
+/// A direction or displacement, metres.
+pub type Vector = nalgebra::Vector3<f64>;
+/// A rigid motion; named `a_from_b` after the frames it joins.
+pub type Isometry = nalgebra::Isometry3<f64>;

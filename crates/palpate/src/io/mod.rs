@@ -1,0 +1,1 @@
+//! Files: one per format. The only module that touches the file system.

@@ -1,0 +1,1 @@
+//! How far a predicted mesh is from the truth.

@@ -1,0 +1,1 @@
+//! Synthetic objects, depth frames and touches with exact truth.

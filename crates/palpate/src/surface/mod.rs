@@ -1,0 +1,1 @@
+//! Surfaces from oriented samples: ball pivoting, screened Poisson, the implicit function, marching cubes.

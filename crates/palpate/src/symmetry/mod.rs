@@ -1,0 +1,1 @@
+//! Symmetry as a hypothesis that evidence can reject: planes, axes, spheres.

@@ -1,0 +1,64 @@
+use crate::{Outcome, commands};
+use anyhow::Context as _;
+use clap::{Parser, Subcommand};
+
+/// The full 3D shape of an object from one RGB-D image and a few touches of a visuo-tactile fingertip.
+///
+/// Exit status: 0 done, 1 failed, 2 usage, 3 finished with losses (said on standard error).
+#[derive(Parser)]
+#[command(name = "palpate", version, propagate_version = true)]
+pub(crate) struct Args {
+    /// Worker threads; 0 = one per core. The result does not depend on it.
+    #[arg(long, global = true, default_value_t = 0, value_name = "N")]
+    threads: usize,
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    /// Make a scene folder from a depth image and what else is at hand
+    Init(commands::init::Args),
+    /// Say everything that is wrong or doubtful in a scene
+    Check(commands::check::Args),
+    /// One RGB-D frame and some touches in, a closed metric mesh out
+    Reconstruct(commands::reconstruct::Args),
+    /// Simulate scenes with exact truth from meshes
+    Simulate(commands::simulate::Args),
+    /// RGB-D frame to the object's points with normals, world frame
+    Clean(commands::clean::Args),
+    /// Mesh an oriented point cloud
+    Surface(commands::surface::Args),
+    /// Planes, axes and spheres of symmetry that the evidence supports
+    Symmetry(commands::symmetry::Args),
+    /// Distances, F-scores and volumetric IoU of a mesh against the truth
+    Compare(commands::compare::Args),
+    /// Ray-cast a picture of meshes or scenes
+    Render(commands::render::Args),
+    /// Is a mesh closed, manifold, oriented; volume, area, inertia
+    Inspect(commands::inspect::Args),
+    /// Run every scene, touch count and method; tables and plots
+    Benchmark(commands::benchmark::Args),
+    /// Print the effective parameters
+    Config(commands::config::Args),
+}
+
+impl Args {
+    pub(crate) fn run(self) -> anyhow::Result<Outcome> {
+        rayon::ThreadPoolBuilder::new().num_threads(self.threads).build_global().context("starting the thread pool")?;
+        match self.command {
+            Command::Init(args) => commands::init::run(args),
+            Command::Check(args) => commands::check::run(args),
+            Command::Reconstruct(args) => commands::reconstruct::run(args),
+            Command::Simulate(args) => commands::simulate::run(args),
+            Command::Clean(args) => commands::clean::run(args),
+            Command::Surface(args) => commands::surface::run(args),
+            Command::Symmetry(args) => commands::symmetry::run(args),
+            Command::Compare(args) => commands::compare::run(args),
+            Command::Render(args) => commands::render::run(args),
+            Command::Inspect(args) => commands::inspect::run(args),
+            Command::Benchmark(args) => commands::benchmark::run(args),
+            Command::Config(args) => commands::config::run(args),
+        }
+    }
+}

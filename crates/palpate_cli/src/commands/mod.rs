@@ -1,0 +1,14 @@
+//! One file per command.
+
+pub(crate) mod benchmark;
+pub(crate) mod check;
+pub(crate) mod clean;
+pub(crate) mod compare;
+pub(crate) mod config;
+pub(crate) mod init;
+pub(crate) mod inspect;
+pub(crate) mod reconstruct;
+pub(crate) mod render;
+pub(crate) mod simulate;
+pub(crate) mod surface;
+pub(crate) mod symmetry;
