@@ -5,18 +5,22 @@
 mod aabb;
 mod bvh;
 mod kd_tree;
+mod mass_properties;
 mod plane;
 mod point_cloud;
 mod raster;
+mod topology;
 mod triangle_mesh;
 mod voxel_grid;
 
 pub use aabb::Aabb;
 pub use bvh::{Bvh, RayHit, SurfacePoint};
 pub use kd_tree::KdTree;
+pub use mass_properties::MassProperties;
 pub use plane::Plane;
 pub use point_cloud::PointCloud;
 pub use raster::Raster;
+pub use topology::Topology;
 pub use triangle_mesh::TriangleMesh;
 pub use voxel_grid::VoxelGrid;
 
