@@ -4,8 +4,10 @@
 
 mod aabb;
 mod bvh;
+mod half_edges;
 mod kd_tree;
 mod mass_properties;
+mod pieces;
 mod plane;
 mod point_cloud;
 mod raster;
@@ -17,6 +19,7 @@ pub use aabb::Aabb;
 pub use bvh::{Bvh, RayHit, SurfacePoint};
 pub use kd_tree::KdTree;
 pub use mass_properties::MassProperties;
+pub use pieces::{drop_small_pieces, pieces, split_fans};
 pub use plane::Plane;
 pub use point_cloud::PointCloud;
 pub use raster::Raster;

@@ -1,4 +1,5 @@
 use super::TriangleMesh;
+use super::half_edges::{HalfEdge, UnionFind, sorted_half_edges};
 use serde::Serialize;
 
 /// How the faces of a mesh hang together. Combinatorial: only [`Topology::degenerate_faces`] looks at positions.
@@ -126,72 +127,11 @@ impl Topology {
     }
 }
 
-/// One side of a face: an edge with the direction the face runs through it.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-struct HalfEdge {
-    low: u32,
-    high: u32,
-    /// Corner of the face (3 f + k) where the side starts.
-    corner: usize,
-    forward: bool,
-}
-
-impl HalfEdge {
-    fn edge(&self) -> (u32, u32) {
-        (self.low, self.high)
-    }
-
-    fn face(&self) -> usize {
-        self.corner / 3
-    }
-
-    /// The face's corner at one end of the edge.
-    fn corner_at(&self, vertex: u32) -> usize {
-        if (vertex == self.low) == self.forward { self.corner } else { 3 * self.face() + (self.corner % 3 + 1) % 3 }
-    }
-}
-
-fn sorted_half_edges(faces: &[[u32; 3]]) -> Vec<HalfEdge> {
-    let mut half_edges: Vec<HalfEdge> = (0..3 * faces.len())
-        .map(|corner| {
-            let face = &faces[corner / 3];
-            let (a, b) = (face[corner % 3], face[(corner % 3 + 1) % 3]);
-            HalfEdge { low: a.min(b), high: a.max(b), corner, forward: a < b }
-        })
-        .collect();
-    half_edges.sort_unstable();
-    half_edges
-}
-
 fn is_degenerate(mesh: &TriangleMesh, face: usize) -> bool {
     let [a, b, c] = mesh.triangle(face);
     let longest = (b - a).norm_squared().max((c - b).norm_squared()).max((a - c).norm_squared());
     // Twice the area is base times height: relative to the longest edge, so that the unit of length does not matter.
     mesh.area_vector(face).norm() <= 1e-12 * longest
-}
-
-/// Disjoint sets with path halving; the root is the smallest member, so results do not depend on the order of unions.
-struct UnionFind {
-    parent: Vec<usize>,
-}
-
-impl UnionFind {
-    fn new(count: usize) -> Self {
-        Self { parent: (0..count).collect() }
-    }
-
-    fn root(&mut self, mut i: usize) -> usize {
-        while self.parent[i] != i {
-            self.parent[i] = self.parent[self.parent[i]];
-            i = self.parent[i];
-        }
-        i
-    }
-
-    fn unite(&mut self, a: usize, b: usize) {
-        let (a, b) = (self.root(a), self.root(b));
-        self.parent[a.max(b)] = a.min(b);
-    }
 }
 
 #[cfg(test)]

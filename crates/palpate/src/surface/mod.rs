@@ -1,5 +1,9 @@
 //! Surfaces from oriented samples: ball pivoting, screened Poisson, the implicit function, marching cubes.
 
+mod ball_pivoting;
 mod error;
+mod hole_filling;
 
+pub use ball_pivoting::{BallPivotingParams, ball_pivoting};
 pub use error::SurfaceError;
+pub use hole_filling::fill_holes;
