@@ -3,7 +3,11 @@
 mod ball_pivoting;
 mod error;
 mod hole_filling;
+mod implicit;
 
 pub use ball_pivoting::{BallPivotingParams, ball_pivoting};
 pub use error::SurfaceError;
 pub use hole_filling::fill_holes;
+pub use implicit::{
+    FreeBound, ImplicitField, ImplicitParams, ImplicitProblem, PriorParams, WeightedSample, solve_implicit,
+};

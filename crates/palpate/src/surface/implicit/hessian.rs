@@ -1,0 +1,138 @@
+use super::level::Level;
+use rayon::prelude::*;
+
+/// Applies the normal operator of μ Σ |Hess f|² to `x` at the active nodes of `level`, adding `scale` times the result to `out`.
+///
+/// Second differences along the axes and mixed differences on the faces of the cells; in the interior both together are the
+/// 25-point stencil 42, −12 at ±1, +2 at (±1, ±1), +1 at ±2. Next to the border only the differences that exist count (natural
+/// boundary: linear functions cost nothing).
+pub(super) fn apply(level: &Level, x: &[f32], scale: f32, out: &mut [f32]) {
+    let [nx, ny, nz] = level.dims;
+    let plane = level.plane_len();
+    out.par_chunks_mut(plane).enumerate().for_each(|(k, out)| {
+        let inner_plane = k >= 2 && k + 2 < nz;
+        for &(start, len) in &level.runs[k] {
+            let (start, len) = (start as usize, len as usize);
+            let in_plane = start - k * plane;
+            let (i0, j) = (in_plane % nx, in_plane / nx);
+            let (mut a, mut b) = (start, start + len);
+            if inner_plane && j >= 2 && j + 2 < ny {
+                // The part of the run at least two nodes from both ends of the row.
+                let first = start + 2usize.saturating_sub(i0);
+                let last = (start + (nx - 2).saturating_sub(i0)).min(start + len);
+                if first < last {
+                    for n in a..first {
+                        out[n - k * plane] += scale * at_border(level, x, n);
+                    }
+                    interior(x, first, last, nx, plane, scale, &mut out[first - k * plane..last - k * plane]);
+                    (a, b) = (last, start + len);
+                }
+            }
+            for n in a..b {
+                out[n - k * plane] += scale * at_border(level, x, n);
+            }
+        }
+    });
+}
+
+/// Diagonal of the operator at node `n` (before the factor μ).
+pub(super) fn diagonal(level: &Level, n: usize) -> f32 {
+    let mut diagonal = 0.0;
+    for_each_difference(level, n, |own, _| diagonal += own * own);
+    diagonal
+}
+
+/// The 25-point stencil on a run whose neighbours all exist.
+fn interior(x: &[f32], first: usize, last: usize, dy: usize, dz: usize, scale: f32, out: &mut [f32]) {
+    let len = last - first;
+    let at = |offset: isize| &x[(first as isize + offset) as usize..][..len];
+    let (dy, dz) = (dy as isize, dz as isize);
+    let centre = at(0);
+    let near = [at(-1), at(1), at(-dy), at(dy), at(-dz), at(dz)];
+    let far = [at(-2), at(2), at(-2 * dy), at(2 * dy), at(-2 * dz), at(2 * dz)];
+    let xy = [at(-1 - dy), at(1 - dy), at(-1 + dy), at(1 + dy)];
+    let xz = [at(-1 - dz), at(1 - dz), at(-1 + dz), at(1 + dz)];
+    let yz = [at(-dy - dz), at(dy - dz), at(-dy + dz), at(dy + dz)];
+    for n in 0..len {
+        let near = near[0][n] + near[1][n] + near[2][n] + near[3][n] + near[4][n] + near[5][n];
+        let far = far[0][n] + far[1][n] + far[2][n] + far[3][n] + far[4][n] + far[5][n];
+        let mixed = xy[0][n] + xy[1][n] + xy[2][n] + xy[3][n]
+            + (xz[0][n] + xz[1][n] + xz[2][n] + xz[3][n])
+            + (yz[0][n] + yz[1][n] + yz[2][n] + yz[3][n]);
+        out[n] += scale * (42.0 * centre[n] - 12.0 * near + far + 2.0 * mixed);
+    }
+}
+
+fn at_border(level: &Level, x: &[f32], n: usize) -> f32 {
+    let mut sum = 0.0;
+    for_each_difference(level, n, |own, terms| {
+        sum += own * terms.iter().map(|&(m, c)| c * x[m]).sum::<f32>();
+    });
+    sum
+}
+
+/// Calls `visit(own coefficient, all (node, coefficient))` for every difference of the energy that involves node `n`.
+fn for_each_difference(level: &Level, n: usize, mut visit: impl FnMut(f32, &[(usize, f32)])) {
+    let [nx, ny, _] = level.dims;
+    let c = [n % nx, n / nx % ny, n / (nx * ny)];
+    let step = [1, nx, nx * ny];
+    for a in 0..3 {
+        for shift in 0..3usize {
+            // The difference centred at c[a] + 1 − shift.
+            let Some(centre) = (c[a] + 1).checked_sub(shift) else { continue };
+            if centre == 0 || centre + 1 >= level.dims[a] {
+                continue;
+            }
+            let m = n + step[a] - shift * step[a];
+            let own = if shift == 1 { -2.0 } else { 1.0 };
+            visit(own, &[(m - step[a], 1.0), (m, -2.0), (m + step[a], 1.0)]);
+        }
+    }
+    let root2 = std::f32::consts::SQRT_2;
+    for (a, b) in [(0, 1), (0, 2), (1, 2)] {
+        for (sa, sb) in [(0, 0), (0, 1), (1, 0), (1, 1)] {
+            // The cell face whose lowest corner is c − (sa, sb).
+            if c[a] < sa || c[b] < sb || c[a] - sa + 1 >= level.dims[a] || c[b] - sb + 1 >= level.dims[b] {
+                continue;
+            }
+            let m = n - sa * step[a] - sb * step[b];
+            let own = if sa == sb { root2 } else { -root2 };
+            let terms = [(m, root2), (m + step[a], -root2), (m + step[b], -root2), (m + step[a] + step[b], root2)];
+            visit(own, &terms);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::{Aabb, Point};
+
+    fn level(n: usize) -> Level {
+        let far = (n - 1) as f64;
+        Level::covering(&Aabb { min: Point::origin(), max: Point::new(far, far, far) }, 1.0)
+    }
+
+    #[test]
+    fn linear_functions_cost_nothing_up_to_the_border() {
+        let l = level(7);
+        let x: Vec<f32> =
+            (0..l.values.len()).map(|n| (n % 7) as f32 * 0.5 - (n / 7 % 7) as f32 + 2.0 * (n / 49) as f32).collect();
+        let mut out = vec![0.0; x.len()];
+        apply(&l, &x, 1.0, &mut out);
+        assert!(out.iter().all(|v| v.abs() < 1e-3), "{out:?}");
+    }
+
+    #[test]
+    fn the_fused_stencil_equals_the_sum_of_differences() {
+        let l = level(8);
+        let x: Vec<f32> = (0..l.values.len()).map(|n| ((n * 7919) % 101) as f32 / 50.0 - 1.0).collect();
+        let mut out = vec![0.0; x.len()];
+        apply(&l, &x, 1.0, &mut out);
+        for n in 0..x.len() {
+            assert!((out[n] - at_border(&l, &x, n)).abs() < 1e-3, "node {n}: {} against {}", out[n], at_border(&l, &x, n));
+        }
+        let centre = l.index(4, 4, 4);
+        assert!((diagonal(&l, centre) - 42.0).abs() < 1e-4);
+    }
+}

@@ -1,0 +1,137 @@
+use crate::geometry::{Aabb, Point, Vector};
+use rayon::prelude::*;
+
+/// One resolution of the field: a dense regular grid of values in **cells**, with the nodes that may change listed as runs along x.
+///
+/// Dense storage with runs keeps every stencil neighbour at a fixed offset, so the inner loops vectorise, while the work follows
+/// the active nodes and not the box.
+#[derive(Debug, Clone)]
+pub(super) struct Level {
+    pub(super) origin: Point,
+    pub(super) spacing: f64,
+    pub(super) dims: [usize; 3],
+    /// Signed distance in cells, negative inside; x fastest.
+    pub(super) values: Vec<f32>,
+    /// For each plane k: runs (first index in `values`, length) of active nodes.
+    pub(super) runs: Vec<Vec<(u32, u32)>>,
+}
+
+impl Level {
+    /// A grid covering `bounds`, every node active and 1 (outside).
+    pub(super) fn covering(bounds: &Aabb, spacing: f64) -> Self {
+        let size = bounds.size() / spacing;
+        let dims = [size.x, size.y, size.z].map(|s| s.ceil() as usize + 1).map(|n| n.max(5));
+        let mut level = Self {
+            origin: bounds.min,
+            spacing,
+            dims,
+            values: vec![1.0; dims[0] * dims[1] * dims[2]],
+            runs: vec![Vec::new(); dims[2]],
+        };
+        for k in 0..dims[2] {
+            level.runs[k] = (0..dims[1]).map(|j| (level.index(0, j, k) as u32, dims[0] as u32)).collect();
+        }
+        level
+    }
+
+    /// Number of nodes a grid over `bounds` would have.
+    pub(super) fn node_count(bounds: &Aabb, spacing: f64) -> f64 {
+        let size = bounds.size() / spacing;
+        (size.x.ceil() + 1.0).max(5.0) * (size.y.ceil() + 1.0).max(5.0) * (size.z.ceil() + 1.0).max(5.0)
+    }
+
+    #[inline]
+    pub(super) fn index(&self, i: usize, j: usize, k: usize) -> usize {
+        (k * self.dims[1] + j) * self.dims[0] + i
+    }
+
+    #[inline]
+    pub(super) fn position(&self, i: usize, j: usize, k: usize) -> Point {
+        self.origin + Vector::new(i as f64, j as f64, k as f64) * self.spacing
+    }
+
+    /// Nodes in one plane of constant k.
+    pub(super) fn plane_len(&self) -> usize {
+        self.dims[0] * self.dims[1]
+    }
+
+    pub(super) fn active_count(&self) -> usize {
+        self.runs.iter().flatten().map(|r| r.1 as usize).sum()
+    }
+
+    /// Base node and fractions of the cell that holds `p`; `None` outside the grid.
+    #[inline]
+    pub(super) fn locate(&self, p: &Point) -> Option<([usize; 3], [f32; 3])> {
+        let c = (p - self.origin) / self.spacing;
+        let mut base = [0; 3];
+        let mut frac = [0.0; 3];
+        for a in 0..3 {
+            if !(c[a] >= 0.0 && c[a] <= (self.dims[a] - 1) as f64) {
+                return None;
+            }
+            base[a] = (c[a] as usize).min(self.dims[a] - 2);
+            frac[a] = (c[a] - base[a] as f64) as f32;
+        }
+        Some((base, frac))
+    }
+
+    /// Trilinear value in cells at `p`, clamped to the grid.
+    #[inline]
+    pub(super) fn sample(&self, p: &Point) -> f32 {
+        let c = (p - self.origin) / self.spacing;
+        let mut base = [0; 3];
+        let mut t = [0.0f32; 3];
+        for a in 0..3 {
+            let x = c[a].clamp(0.0, (self.dims[a] - 1) as f64);
+            base[a] = (x as usize).min(self.dims[a] - 2);
+            t[a] = (x - base[a] as f64) as f32;
+        }
+        let n = self.index(base[0], base[1], base[2]);
+        let (dy, dz) = (self.dims[0], self.plane_len());
+        let v = &self.values;
+        let lerp = |a: f32, b: f32, t: f32| a + (b - a) * t;
+        let row = |n: usize| lerp(v[n], v[n + 1], t[0]);
+        lerp(lerp(row(n), row(n + dy), t[1]), lerp(row(n + dz), row(n + dz + dy), t[1]), t[2])
+    }
+
+    /// Fills this level from a coarser one, rescaling cells.
+    pub(super) fn upsample_from(&mut self, coarse: &Self) {
+        let scale = (coarse.spacing / self.spacing) as f32;
+        let (dims, origin, spacing) = (self.dims, self.origin, self.spacing);
+        let plane = self.plane_len();
+        self.values.par_chunks_mut(plane).enumerate().for_each(|(k, values)| {
+            for j in 0..dims[1] {
+                for i in 0..dims[0] {
+                    let p = origin + Vector::new(i as f64, j as f64, k as f64) * spacing;
+                    values[j * dims[0] + i] = scale * coarse.sample(&p);
+                }
+            }
+        });
+    }
+
+    /// Makes exactly the marked nodes active, never those within two nodes of the border (the stencil must stay inside).
+    pub(super) fn activate(&mut self, mask: &[bool]) {
+        let [nx, ny, nz] = self.dims;
+        for k in 0..nz {
+            self.runs[k].clear();
+            if k < 2 || k + 2 >= nz {
+                continue;
+            }
+            for j in 2..ny.saturating_sub(2) {
+                let row = self.index(0, j, k);
+                let mut i = 2;
+                while i + 2 < nx {
+                    if !mask[row + i] {
+                        i += 1;
+                        continue;
+                    }
+                    let start = i;
+                    while i + 2 < nx && mask[row + i] {
+                        i += 1;
+                    }
+                    self.runs[k].push(((row + start) as u32, (i - start) as u32));
+                }
+            }
+        }
+    }
+}

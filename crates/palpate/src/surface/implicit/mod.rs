@@ -1,0 +1,227 @@
+//! One implicit function from weighted oriented samples, free space and a prior of what is outside (method.md §5).
+//!
+//! E(f) = Σ wᵢ f(pᵢ)² + Σ wᵢ |∇f(pᵢ) − nᵢ|² + μ Σ |Hess f|² + γ Σ_free max(0, t − f)² + Σ ω(x) max(0, 1 − f)²
+//!
+//! f is a signed distance in cells, negative inside, trilinear on a regular grid. Solved coarse to fine on dense grids of a
+//! bounded number of cells, then in a narrow band round the surface at the wanted spacing: time and memory of the fine levels
+//! follow the surface. The first two terms, the fourth and the free-space inequality: Calakli & Taubin, *SSD: Smooth Signed
+//! Distance Surface Reconstruction*, 2011, §3, extended by the one-sided terms.
+
+mod components;
+mod data;
+mod hessian;
+mod level;
+mod params;
+mod prior;
+mod solver;
+mod thin;
+
+pub use params::{ImplicitParams, PriorParams};
+
+use crate::geometry::{Aabb, Point, TriangleMesh, Vector};
+use data::DataTerm;
+use level::Level;
+use rayon::prelude::*;
+use solver::{Effort, Pulls};
+
+/// A sample of the surface as the solver takes it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct WeightedSample {
+    /// Position, metres.
+    pub position: Point,
+    /// Outward unit normal.
+    pub normal: Vector,
+    /// 1 for a measurement, less for a guess.
+    pub weight: f64,
+}
+
+/// A lower bound of the signed distance at a point, metres, positive in proven free space; ≤ 0 or −∞ where nothing is proven.
+pub type FreeBound<'a> = dyn Fn(&Point) -> f64 + Sync + 'a;
+
+/// What the function is fitted to.
+pub struct ImplicitProblem<'a> {
+    /// Measured samples: weight about 1.
+    pub measured: &'a [WeightedSample],
+    /// Guessed samples: low weight.
+    pub guessed: &'a [WeightedSample],
+    /// Box that holds the object; the grid covers it.
+    pub bounds: Aabb,
+    /// Free space for the dense levels.
+    pub free: &'a FreeBound<'a>,
+    /// Free space for the narrow band, where cells may be thinner than the carved grid's.
+    pub free_fine: &'a FreeBound<'a>,
+}
+
+/// The solved function.
+pub struct ImplicitField {
+    level: Level,
+}
+
+/// Solves for the implicit function.
+///
+/// Dense levels: O(cells · iterations); band: O(surface / spacing² · iterations) arithmetic, O(box / spacing³) bytes.
+pub fn solve_implicit(problem: &ImplicitProblem, params: &ImplicitParams) -> ImplicitField {
+    let mut level = solve_dense(problem, params);
+    for spacing in band_spacings(&problem.bounds, level.spacing, params) {
+        level = solve_band(&level, spacing, problem, params);
+    }
+    let anchors: Vec<Point> = problem.measured.iter().map(|s| s.position).collect();
+    components::clean(&mut level, &anchors, params.component_share);
+    ImplicitField { level }
+}
+
+/// Spacing of the finest dense level: the cell budget spread over the box, but not finer than wanted.
+fn dense_spacing(bounds: &Aabb, params: &ImplicitParams) -> f64 {
+    let mut spacing = (bounds.size().product() / params.dense_cells as f64).cbrt().max(params.spacing);
+    while Level::node_count(bounds, spacing) > 1.15 * params.dense_cells as f64 {
+        spacing *= 1.03;
+    }
+    spacing
+}
+
+/// Spacings of the narrow-band levels: equal steps of at most a factor two down to the wanted one, as far as memory allows.
+fn band_spacings(bounds: &Aabb, from: f64, params: &ImplicitParams) -> Vec<f64> {
+    let mut target = params.spacing;
+    while Level::node_count(bounds, target) > params.max_nodes as f64 {
+        target *= 1.02;
+    }
+    let steps = (from / target).log2().ceil().max(0.0) as i32;
+    if from <= target * 1.02 { Vec::new() } else { (1..=steps).map(|s| from * (target / from).powf(f64::from(s) / f64::from(steps))).collect() }
+}
+
+fn solve_dense(problem: &ImplicitProblem, params: &ImplicitParams) -> Level {
+    let fine = dense_spacing(&problem.bounds, params);
+    let (winding_samples, winding_spacing) = winding_cloud(problem, params);
+    let winding = prior::Winding::new(&winding_samples, winding_spacing);
+    let moved_share = problem.guessed.len() as f64 / problem.measured.len().max(1) as f64;
+    let with_hull = moved_share > params.prior.hull_from_share;
+    let hull = with_hull.then(|| prior::Hull::new(&winding_samples));
+    let mut prior_params = params.prior.clone();
+    if !with_hull {
+        prior_params.winding_threshold = prior_params.winding_threshold_unguessed;
+    }
+    let mut previous: Option<Level> = None;
+    let efforts = [(4.0, 3, 250), (2.0, 3, 80), (1.0, 2, 40)];
+    let mut prior_level: Option<(Level, Vec<f32>)> = None;
+    for (factor, passes, iterations) in efforts {
+        let mut level = Level::covering(&problem.bounds, fine * factor);
+        if let Some(coarse) = &previous {
+            level.upsample_from(coarse);
+        }
+        // The winding number is smooth: two coarser levels evaluate it, the finest one interpolates.
+        let weights = match &prior_level {
+            Some((coarse, weights)) if factor < 2.0 => interpolate(&level, coarse, weights),
+            _ => prior::weights(&level, &winding, hull.as_ref(), &prior_params),
+        };
+        let pulls = Pulls {
+            free_weight: params.free_weight as f32,
+            free_target: free_targets(&level, problem.free),
+            prior_weight: weights.clone(),
+        };
+        let samples = thin::merged(problem, params.sample_spacing * level.spacing);
+        let data = DataTerm::new(&level, &samples);
+        let effort = Effort { passes, iterations, tolerance: params.tolerance };
+        solver::solve(&mut level, &data, &pulls, params.smoothness as f32, effort);
+        prior_level = Some((level.clone(), weights));
+        previous = Some(level);
+    }
+    previous.expect("three levels were solved")
+}
+
+/// One narrow-band level: only nodes near the coarser surface or near a sample move, the rest holds the coarser solution.
+fn solve_band(coarse: &Level, spacing: f64, problem: &ImplicitProblem, params: &ImplicitParams) -> Level {
+    let mut level = Level::covering(&problem.bounds, spacing);
+    level.upsample_from(coarse);
+    let samples = thin::merged(problem, params.sample_spacing * spacing);
+    let reach = (1.5 * coarse.spacing / spacing) as f32;
+    let mut mask: Vec<bool> = level.values.par_iter().map(|v| v.abs() < reach).collect();
+    for s in &samples {
+        mark_round(&level, &s.position, params.band_cells, &mut mask);
+    }
+    level.activate(&mask);
+    drop(mask);
+    let pulls = Pulls {
+        free_weight: params.free_weight as f32,
+        free_target: free_targets(&level, problem.free_fine),
+        prior_weight: Vec::new(),
+    };
+    let data = DataTerm::new(&level, &samples);
+    let effort = Effort { passes: 3, iterations: 50, tolerance: params.tolerance };
+    solver::solve(&mut level, &data, &pulls, params.smoothness as f32, effort);
+    level
+}
+
+fn mark_round(level: &Level, p: &Point, cells: usize, mask: &mut [bool]) {
+    let Some((b, _)) = level.locate(p) else { return };
+    let range = |a: usize| b[a].saturating_sub(cells - 1)..=(b[a] + cells).min(level.dims[a] - 1);
+    for k in range(2) {
+        for j in range(1) {
+            let row = level.index(0, j, k);
+            mask[row + range(0).start()..=row + range(0).end()].fill(true);
+        }
+    }
+}
+
+/// Target of the free-space inequality at the active nodes: t = min(bound / h, 2) where the bound exceeds 0.3 h, else 0.
+fn free_targets(level: &Level, bound: &FreeBound) -> Vec<f32> {
+    let nx = level.dims[0];
+    let plane = level.plane_len();
+    let mut out = vec![0.0f32; level.values.len()];
+    out.par_chunks_mut(plane).enumerate().for_each(|(k, out)| {
+        for &(start, len) in &level.runs[k] {
+            for n in start as usize..(start + len) as usize {
+                let m = n - k * plane;
+                let cells = bound(&level.position(m % nx, m / nx, k)) / level.spacing;
+                if cells > 0.3 {
+                    out[m] = cells.min(2.0) as f32;
+                }
+            }
+        }
+    });
+    out
+}
+
+/// All samples thinned to a few thousand for the winding number, with their spacing.
+fn winding_cloud(problem: &ImplicitProblem, params: &ImplicitParams) -> (Vec<WeightedSample>, f64) {
+    let mut spacing = params.prior.winding_sample_spacing;
+    loop {
+        let samples = thin::merged(problem, spacing);
+        if samples.len() <= 6000 {
+            return (samples, spacing);
+        }
+        spacing *= 1.25;
+    }
+}
+
+fn interpolate(level: &Level, coarse: &Level, weights: &[f32]) -> Vec<f32> {
+    let mut carrier = coarse.clone();
+    carrier.values = weights.to_vec();
+    let [nx, ny, _] = level.dims;
+    let mut out = vec![0.0f32; level.values.len()];
+    out.par_chunks_mut(level.plane_len()).enumerate().for_each(|(k, out)| {
+        for j in 0..ny {
+            for i in 0..nx {
+                out[j * nx + i] = carrier.sample(&level.position(i, j, k));
+            }
+        }
+    });
+    out
+}
+
+impl ImplicitField {
+    /// Signed distance (approximate), metres, negative inside.
+    pub fn signed_distance(&self, p: &Point) -> f64 {
+        f64::from(self.level.sample(p)) * self.level.spacing
+    }
+
+    /// Spacing of the finest grid, metres.
+    pub fn spacing(&self) -> f64 {
+        self.level.spacing
+    }
+
+    /// The zero surface: closed, two-manifold, oriented outwards.
+    pub fn extract(&self) -> TriangleMesh {
+        let _ = &self.level;
+        TriangleMesh::default()
+    }
+}

@@ -1,0 +1,79 @@
+use serde::{Deserialize, Serialize};
+
+/// Parameters of the implicit function.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct ImplicitParams {
+    /// Wanted spacing of the finest grid, metres. Larger is faster and smoother; 1.1 mm is about the depth noise.
+    pub spacing: f64,
+    /// Cells of the finest dense grid. More carries finer detail into the narrow band and costs time; 150,000 is 2–3 mm on a bottle.
+    pub dense_cells: usize,
+    /// Most nodes of the narrow band's box (28 bytes each). Where the box is too large for `spacing`, the spacing grows.
+    pub max_nodes: usize,
+    /// μ: weight of the Hessian. Larger bridges gaps more smoothly and blurs edges.
+    pub smoothness: f64,
+    /// γ: weight of the free-space inequality. Larger makes it harder.
+    pub free_weight: f64,
+    /// Samples are averaged in cubes of this many cells, so that their density does not act as a weight.
+    pub sample_spacing: f64,
+    /// Nodes within this many cells of a sample belong to the band.
+    pub band_cells: usize,
+    /// Relative residual at which the solver stops.
+    pub tolerance: f64,
+    /// Components with a smaller share of the measured samples are dropped.
+    pub component_share: f64,
+    /// What is taken to be outside where nothing is known.
+    pub prior: PriorParams,
+}
+
+/// Parameters of the outside prior.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct PriorParams {
+    /// ω: weight where the winding number says outside.
+    pub winding_weight: f64,
+    /// u₀: winding numbers below it count as outside, when guessed samples close the surface. Larger cuts more away.
+    pub winding_threshold: f64,
+    /// u₀ when there are few guessed samples: a half-open surface has low winding numbers inside.
+    pub winding_threshold_unguessed: f64,
+    /// Samples are thinned to this spacing for the winding number, metres.
+    pub winding_sample_spacing: f64,
+    /// Weight beyond the convex hull of measured and guessed samples.
+    pub hull_weight: f64,
+    /// The hull is grown by this much, metres.
+    pub hull_margin: f64,
+    /// Hull and `winding_threshold` are used from this ratio of guessed to measured samples on: the hull of the visible side alone
+    /// would cut the hidden side off.
+    pub hull_from_share: f64,
+}
+
+impl Default for ImplicitParams {
+    fn default() -> Self {
+        Self {
+            spacing: 1.1e-3,
+            dense_cells: 150_000,
+            max_nodes: 14_000_000,
+            smoothness: 0.02,
+            free_weight: 2.0,
+            sample_spacing: 0.8,
+            band_cells: 3,
+            tolerance: 1e-3,
+            component_share: 0.02,
+            prior: PriorParams::default(),
+        }
+    }
+}
+
+impl Default for PriorParams {
+    fn default() -> Self {
+        Self {
+            winding_weight: 0.01,
+            winding_threshold: 0.30,
+            winding_threshold_unguessed: 0.15,
+            winding_sample_spacing: 4e-3,
+            hull_weight: 0.05,
+            hull_margin: 4e-3,
+            hull_from_share: 0.15,
+        }
+    }
+}
