@@ -74,7 +74,12 @@ impl DataTerm {
     }
 
     /// Adds `value(sample, its index, corner)` to each corner node of each sample's cell, parallel over planes.
-    fn for_each_corner(&self, level: &Level, out: &mut [f32], value: impl Fn(&Placed, usize, [usize; 3]) -> f32 + Sync) {
+    fn for_each_corner(
+        &self,
+        level: &Level,
+        out: &mut [f32],
+        value: impl Fn(&Placed, usize, [usize; 3]) -> f32 + Sync,
+    ) {
         let (nx, plane) = (level.dims[0], level.plane_len());
         out.par_chunks_mut(plane).enumerate().for_each(|(k, out)| {
             for dz in 0..2usize {

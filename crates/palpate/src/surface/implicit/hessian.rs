@@ -56,7 +56,10 @@ fn interior(x: &[f32], first: usize, last: usize, dy: usize, dz: usize, scale: f
     for n in 0..len {
         let near = near[0][n] + near[1][n] + near[2][n] + near[3][n] + near[4][n] + near[5][n];
         let far = far[0][n] + far[1][n] + far[2][n] + far[3][n] + far[4][n] + far[5][n];
-        let mixed = xy[0][n] + xy[1][n] + xy[2][n] + xy[3][n]
+        let mixed = xy[0][n]
+            + xy[1][n]
+            + xy[2][n]
+            + xy[3][n]
             + (xz[0][n] + xz[1][n] + xz[2][n] + xz[3][n])
             + (yz[0][n] + yz[1][n] + yz[2][n] + yz[3][n]);
         out[n] += scale * (42.0 * centre[n] - 12.0 * near + far + 2.0 * mixed);
@@ -130,7 +133,12 @@ mod tests {
         let mut out = vec![0.0; x.len()];
         apply(&l, &x, 1.0, &mut out);
         for n in 0..x.len() {
-            assert!((out[n] - at_border(&l, &x, n)).abs() < 1e-3, "node {n}: {} against {}", out[n], at_border(&l, &x, n));
+            assert!(
+                (out[n] - at_border(&l, &x, n)).abs() < 1e-3,
+                "node {n}: {} against {}",
+                out[n],
+                at_border(&l, &x, n)
+            );
         }
         let centre = l.index(4, 4, 4);
         assert!((diagonal(&l, centre) - 42.0).abs() < 1e-4);

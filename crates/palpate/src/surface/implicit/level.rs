@@ -55,10 +55,6 @@ impl Level {
         self.dims[0] * self.dims[1]
     }
 
-    pub(super) fn active_count(&self) -> usize {
-        self.runs.iter().flatten().map(|r| r.1 as usize).sum()
-    }
-
     /// Base node and fractions of the cell that holds `p`; `None` outside the grid.
     #[inline]
     pub(super) fn locate(&self, p: &Point) -> Option<([usize; 3], [f32; 3])> {

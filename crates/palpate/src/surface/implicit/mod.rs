@@ -86,7 +86,11 @@ fn band_spacings(bounds: &Aabb, from: f64, params: &ImplicitParams) -> Vec<f64> 
         target *= 1.02;
     }
     let steps = (from / target).log2().ceil().max(0.0) as i32;
-    if from <= target * 1.02 { Vec::new() } else { (1..=steps).map(|s| from * (target / from).powf(f64::from(s) / f64::from(steps))).collect() }
+    if from <= target * 1.02 {
+        Vec::new()
+    } else {
+        (1..=steps).map(|s| from * (target / from).powf(f64::from(s) / f64::from(steps))).collect()
+    }
 }
 
 fn solve_dense(problem: &ImplicitProblem, params: &ImplicitParams) -> Level {
@@ -223,5 +227,62 @@ impl ImplicitField {
     pub fn extract(&self) -> TriangleMesh {
         let _ = &self.level;
         TriangleMesh::default()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn sphere(radius: f64, count: usize, keep: impl Fn(&Vector) -> bool) -> Vec<WeightedSample> {
+        let golden = std::f64::consts::PI * (3.0 - 5.0f64.sqrt());
+        (0..count)
+            .map(|i| {
+                let z = 1.0 - (2 * i + 1) as f64 / count as f64;
+                let (r, a) = ((1.0 - z * z).sqrt(), golden * i as f64);
+                Vector::new(r * a.cos(), r * a.sin(), z)
+            })
+            .filter(keep)
+            .map(|n| WeightedSample { position: Point::from(n * radius), normal: n, weight: 1.0 })
+            .collect()
+    }
+
+    fn cube(half: f64) -> Aabb {
+        Aabb { min: Point::new(-half, -half, -half), max: Point::new(half, half, half) }
+    }
+
+    fn params() -> ImplicitParams {
+        ImplicitParams { spacing: 2e-3, dense_cells: 20_000, ..ImplicitParams::default() }
+    }
+
+    #[test]
+    fn a_sphere_is_recovered_to_a_small_part_of_a_cell() {
+        let measured = sphere(0.04, 4000, |_| true);
+        let problem = ImplicitProblem {
+            measured: &measured,
+            guessed: &[],
+            bounds: cube(0.06),
+            free: &|_| f64::NEG_INFINITY,
+            free_fine: &|_| f64::NEG_INFINITY,
+        };
+        let field = solve_implicit(&problem, &params());
+        for n in sphere(1.0, 200, |_| true) {
+            let on = field.signed_distance(&Point::from(n.normal * 0.04));
+            let off = field.signed_distance(&Point::from(n.normal * 0.042));
+            assert!(on.abs() < 1e-4, "{on}");
+            assert!((off - 2e-3).abs() < 4e-4, "{off}");
+        }
+    }
+
+    #[test]
+    fn free_space_bounds_the_side_that_nobody_saw() {
+        let measured = sphere(0.04, 4000, |n| n.z > 0.2);
+        let below = |p: &Point| -0.02 - p.z;
+        let problem =
+            ImplicitProblem { measured: &measured, guessed: &[], bounds: cube(0.06), free: &below, free_fine: &below };
+        let field = solve_implicit(&problem, &params());
+        assert!(field.signed_distance(&Point::origin()) < 0.0);
+        assert!(field.signed_distance(&Point::new(0.0, 0.0, -0.025)) > 0.0);
+        assert!(field.signed_distance(&Point::new(0.0, 0.0, 0.04)).abs() < 2e-4);
     }
 }

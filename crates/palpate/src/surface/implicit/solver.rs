@@ -45,7 +45,8 @@ pub(super) fn solve(level: &mut Level, data: &DataTerm, pulls: &Pulls, smoothnes
     let mut fixed_diagonal = vec![0.0f32; n];
     data.diagonal(level, &mut fixed_diagonal);
     add_hessian_diagonal(level, smoothness, &mut fixed_diagonal);
-    let mut work = Work { r: vec![0.0; n], p: vec![0.0; n], ap: vec![0.0; n], inverse: vec![0.0; n], pull: vec![0.0; n] };
+    let mut work =
+        Work { r: vec![0.0; n], p: vec![0.0; n], ap: vec![0.0; n], inverse: vec![0.0; n], pull: vec![0.0; n] };
     let mut values = std::mem::take(&mut level.values);
     let mut first = None;
     for _ in 0..effort.passes {

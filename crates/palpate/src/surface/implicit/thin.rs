@@ -11,7 +11,8 @@ pub(super) fn merged(problem: &ImplicitProblem, spacing: f64) -> Vec<WeightedSam
 /// Averages samples in cubes. Where the normals of a cube disagree (mean shorter than 0.5: two sides of a thin wall), one sample
 /// is kept per octant of the normal. O(n log n).
 pub(super) fn thinned(samples: &[WeightedSample], spacing: f64) -> Vec<WeightedSample> {
-    let key = |p: &Point| [(p.x / spacing).floor() as i32, (p.y / spacing).floor() as i32, (p.z / spacing).floor() as i32];
+    let key =
+        |p: &Point| [(p.x / spacing).floor() as i32, (p.y / spacing).floor() as i32, (p.z / spacing).floor() as i32];
     let mut keyed: Vec<([i32; 3], u8, u32)> =
         samples.iter().enumerate().map(|(i, s)| (key(&s.position), octant(&s.normal), i as u32)).collect();
     keyed.sort_unstable();
@@ -55,7 +56,11 @@ mod tests {
 
     #[test]
     fn both_sides_of_a_thin_wall_survive() {
-        let at = |x: f64, n: f64| WeightedSample { position: Point::new(x, 0.1, 0.1), normal: Vector::new(n, 0.0, 0.0), weight: 1.0 };
+        let at = |x: f64, n: f64| WeightedSample {
+            position: Point::new(x, 0.1, 0.1),
+            normal: Vector::new(n, 0.0, 0.0),
+            weight: 1.0,
+        };
         let out = thinned(&[at(0.1, -1.0), at(0.2, -1.0), at(0.8, 1.0)], 1.0);
         assert_eq!(out.len(), 2);
         let out = thinned(&[at(0.1, 1.0), at(0.3, 1.0)], 1.0);
