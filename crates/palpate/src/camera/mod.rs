@@ -1,9 +1,14 @@
 //! The depth camera: its model, its image, and from a frame to the object's visible side.
 
 mod depth_image;
+mod error;
 mod intrinsics;
+mod raster_filter;
+mod smooth;
 mod visible;
 
 pub use depth_image::{Background, DepthNoise, Frame};
+pub use error::CameraError;
 pub use intrinsics::PinholeCamera;
+pub use smooth::{SmoothParams, smooth_depth};
 pub use visible::Visible;

@@ -4,12 +4,16 @@
 
 mod aabb;
 mod bvh;
+mod cluster;
+mod downsample;
 mod half_edges;
 mod kd_tree;
 mod mass_properties;
+mod normals;
 mod pieces;
 mod plane;
 mod point_cloud;
+mod ransac;
 mod raster;
 mod topology;
 mod triangle_mesh;
@@ -17,11 +21,16 @@ mod voxel_grid;
 
 pub use aabb::Aabb;
 pub use bvh::{Bvh, RayHit, SurfacePoint};
+pub(crate) use cluster::outlier_limit;
+pub use cluster::{UnionFind, cluster_sizes, euclidean_clusters, statistical_outliers};
+pub use downsample::voxel_average;
 pub use kd_tree::KdTree;
 pub use mass_properties::MassProperties;
+pub use normals::estimate_normals;
 pub use pieces::{drop_small_pieces, pieces, split_fans};
 pub use plane::Plane;
 pub use point_cloud::PointCloud;
+pub use ransac::{PlaneFit, PlaneRansac, fit_plane};
 pub use raster::Raster;
 pub use topology::Topology;
 pub use triangle_mesh::TriangleMesh;

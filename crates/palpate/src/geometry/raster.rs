@@ -1,3 +1,4 @@
+use rayon::prelude::*;
 use std::ops::{Index, IndexMut};
 
 /// A dense image: `rows × cols` values, row-major, indexed `(row, col)`.
@@ -69,6 +70,15 @@ impl<T> Raster<T> {
     pub fn pixels(&self) -> impl Iterator<Item = (usize, usize, &T)> {
         let cols = self.cols.max(1);
         self.data.iter().enumerate().map(move |(i, v)| (i / cols, i % cols, v))
+    }
+}
+
+impl<T: Send> Raster<T> {
+    /// Like [`Self::from_fn`], rows in parallel; the order of the values does not depend on the thread count.
+    pub fn par_from_fn(rows: usize, cols: usize, value: impl Fn(usize, usize) -> T + Sync) -> Self {
+        let width = cols.max(1);
+        let data = (0..rows * cols).into_par_iter().with_min_len(width).map(|i| value(i / width, i % width)).collect();
+        Self { rows, cols, data }
     }
 }
 
