@@ -4,6 +4,7 @@ mod ball_pivoting;
 mod error;
 mod hole_filling;
 mod implicit;
+mod isosurface;
 
 pub use ball_pivoting::{BallPivotingParams, ball_pivoting};
 pub use error::SurfaceError;
@@ -11,3 +12,4 @@ pub use hole_filling::fill_holes;
 pub use implicit::{
     FreeBound, ImplicitField, ImplicitParams, ImplicitProblem, PriorParams, WeightedSample, solve_implicit,
 };
+pub use isosurface::{LATTICE_LIMIT, crossing_cells, extract_isosurface};
