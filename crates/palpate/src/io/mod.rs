@@ -1,1 +1,30 @@
 //! Files: one per format. The only module that touches the file system.
+//!
+//! Every reader exists twice: `read_*` takes a path, `parse_*` the bytes and the name to use in messages. Readers survive any
+//! input: what a header claims is compared with the bytes that are there **before** anything is allocated, so that a file of
+//! a hundred bytes that claims 10¹² points is an error and not an exhausted machine.
+//! Writers go through [`atomic_write`]: a file under its final name is always complete.
+
+mod atomic;
+mod error;
+mod glb;
+mod images;
+mod mesh_files;
+mod npy;
+mod obj;
+mod off;
+mod pcd;
+mod ply;
+mod raw;
+mod stl;
+
+pub use atomic::atomic_write;
+pub use error::IoError;
+pub use images::{
+    parse_color, parse_depth_png, parse_mask, read_color, read_depth_png, read_mask, write_color, write_depth_png,
+    write_mask,
+};
+pub use mesh_files::{
+    CloudFile, parse_cloud, parse_mesh, read_cloud, read_cloud_file, read_mesh, write_cloud, write_mesh,
+};
+pub use npy::{NpyArray, parse_npy, read_height_map_npy, read_npy, write_height_map_npy, write_npy};
