@@ -1,0 +1,157 @@
+use super::Sample;
+use crate::geometry::{Aabb, Point, Vector, VoxelGrid};
+use rayon::prelude::*;
+
+/// No sample is near.
+const NONE: u32 = u32::MAX;
+/// A second sample is kept where its normal differs from the first's by more than this cosine.
+const OTHER_SIDE: f64 = 0.35;
+
+/// Nearest measured sample with an agreeing normal, by one look-up.
+///
+/// A grid holds, per node, the sample nearest to the node and the nearest one that faces another way: on both sides of a thin wall and along
+/// an edge the right surface is found. Exact to the grid's spacing, so compare along the found sample's normal, not by raw distance.
+#[derive(Debug, Clone)]
+pub struct SampleIndex {
+    nodes: VoxelGrid<[u32; 2]>,
+}
+
+/// A sample found near a query.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Match {
+    /// Index of the sample.
+    pub sample: usize,
+    /// Distance of the query from the sample's tangent plane, metres, ≥ 0.
+    pub plane_offset: f64,
+    /// Distance along the tangent plane, metres.
+    pub tangential: f64,
+    /// Cosine between the two normals.
+    pub agreement: f64,
+}
+
+impl SampleIndex {
+    /// Indexes the samples for queries up to `reach` metres from them.
+    ///
+    /// * `spacing` – of the grid, metres; enlarged where the grid would exceed 160 nodes along a side.
+    pub fn new(samples: &[Sample], spacing: f64, reach: f64) -> Self {
+        let Some(bounds) = Aabb::of(samples.iter().map(|s| &s.position)) else {
+            return Self { nodes: VoxelGrid::filled(Point::origin(), spacing, [1; 3], [NONE; 2]) };
+        };
+        let bounds = bounds.inflated(reach);
+        let spacing = spacing.max(bounds.size().max() / 160.0);
+        let mut nodes = VoxelGrid::covering(&bounds, spacing, [NONE; 2]);
+        let ([nx, ny, _], origin) = (nodes.dims(), nodes.origin());
+        let offsets = samples.iter().map(|s| (s.position - origin) / spacing).collect::<Vec<_>>();
+        let normals = samples.iter().map(|s| s.normal).collect::<Vec<_>>();
+        let radius = reach / spacing;
+        nodes.as_mut_slice().par_chunks_mut(nx * ny).enumerate().for_each(|(k, slab)| {
+            let mut best = vec![(radius * radius) as f32; slab.len()];
+            splat(&offsets, k, [nx, ny], radius, &mut best, |node, i| {
+                slab[node][0] = i as u32;
+                true
+            });
+            best.fill((radius * radius) as f32);
+            splat(&offsets, k, [nx, ny], radius, &mut best, |node, i| {
+                let first = slab[node][0];
+                let other = first != NONE && normals[i].dot(&normals[first as usize]) < OTHER_SIDE;
+                if other {
+                    slab[node][1] = i as u32;
+                }
+                other
+            });
+        });
+        Self { nodes }
+    }
+
+    /// The sample nearest to `p` among those whose normal has a cosine above `agreement` with `normal`, as far as the grid knows.
+    ///
+    /// `samples` must be the ones the index was built from.
+    #[inline]
+    pub fn nearest_agreeing(&self, samples: &[Sample], p: &Point, normal: &Vector, agreement: f64) -> Option<Match> {
+        let node = self.nodes.nearest(p)?;
+        self.nodes.as_slice()[node].iter().take_while(|&&i| i != NONE).find_map(|&i| {
+            let s = &samples[i as usize];
+            let cosine = normal.dot(&s.normal);
+            if cosine <= agreement {
+                return None;
+            }
+            let d = p - s.position;
+            let along = d.dot(&s.normal);
+            let tangential = (d.norm_squared() - along * along).max(0.0).sqrt();
+            Some(Match { sample: i as usize, plane_offset: along.abs(), tangential, agreement: cosine })
+        })
+    }
+
+    /// Whether any sample is near `p`, whatever its normal: its index.
+    #[inline]
+    pub fn nearest(&self, p: &Point) -> Option<usize> {
+        let first = self.nodes.as_slice()[self.nodes.nearest(p)?][0];
+        (first != NONE).then_some(first as usize)
+    }
+}
+
+/// Offers every sample to the nodes of slab `k` within `radius` cells; `take` says whether it is accepted where it is the nearest so far.
+/// Ties go to the smaller index.
+fn splat(
+    offsets: &[Vector],
+    k: usize,
+    [nx, ny]: [usize; 2],
+    radius: f64,
+    best: &mut [f32],
+    mut take: impl FnMut(usize, usize) -> bool,
+) {
+    for (i, c) in offsets.iter().enumerate() {
+        let dz = k as f64 - c.z;
+        let flat = radius * radius - dz * dz;
+        if flat <= 0.0 {
+            continue;
+        }
+        let flat = flat.sqrt();
+        for j in (c.y - flat).ceil().max(0.0) as usize..((c.y + flat).floor() as usize + 1).min(ny) {
+            let dy = j as f64 - c.y;
+            let half = (flat * flat - dy * dy).max(0.0).sqrt();
+            for x in (c.x - half).ceil().max(0.0) as usize..((c.x + half).floor() as usize + 1).min(nx) {
+                let squared = ((x as f64 - c.x).powi(2) + dy * dy + dz * dz) as f32;
+                let node = j * nx + x;
+                if squared < best[node] && take(node, i) {
+                    best[node] = squared;
+                }
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::evidence::Provenance;
+
+    fn sample(x: f64, z: f64, normal: Vector) -> Sample {
+        Sample { position: Point::new(x, 0.0, z), normal, sigma: 1e-4, provenance: Provenance::Seen }
+    }
+
+    #[test]
+    fn both_sides_of_a_thin_wall_are_found() {
+        let samples: Vec<Sample> = (0..10)
+            .flat_map(|i| {
+                let x = f64::from(i) * 0.002;
+                [sample(x, 0.0, -Vector::z()), sample(x, 0.001, Vector::z())]
+            })
+            .collect();
+        let index = SampleIndex::new(&samples, 0.002, 0.012);
+        let query = Point::new(0.0081, 0.0003, 0.0012);
+        let up = index.nearest_agreeing(&samples, &query, &Vector::z(), 0.5).expect("the upper side is near");
+        assert_eq!(up.sample, 9);
+        assert!((up.plane_offset - 0.0002).abs() < 1e-12 && up.agreement == 1.0);
+        let down = index.nearest_agreeing(&samples, &query, &-Vector::z(), 0.5).expect("the lower side is near");
+        assert_eq!(down.sample, 8);
+        assert!((down.plane_offset - 0.0012).abs() < 1e-12);
+        assert!(index.nearest_agreeing(&samples, &query, &Vector::x(), 0.5).is_none());
+        assert!(index.nearest(&Point::new(0.0, 0.0, 0.05)).is_none(), "out of reach");
+    }
+
+    #[test]
+    fn no_samples_find_nothing() {
+        assert!(SampleIndex::new(&[], 0.002, 0.012).nearest(&Point::origin()).is_none());
+    }
+}
