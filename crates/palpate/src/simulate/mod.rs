@@ -1,1 +1,15 @@
-//! Synthetic objects, depth frames and touches with exact truth.
+//! Scenes with exact truth: a depth frame and touches of a mesh or an analytic solid, by the benchmark's protocol.
+//!
+//! Seeded: the same object name, mesh, parameters and seed give the same bytes, with any number of threads, and the touches of a
+//! shorter list are the first of a longer one.
+
+mod camera;
+mod scene;
+mod seed;
+mod shapes;
+mod touches;
+
+pub use camera::{CameraParams, look_at};
+pub use scene::{SimulateError, SimulateParams, SimulatedScene, place, simulate_scene};
+pub use shapes::Solid;
+pub use touches::TouchParams;

@@ -2,10 +2,15 @@
 
 mod contact;
 mod decode;
+mod gaussian;
+mod lift;
 mod patch;
+mod press;
 mod sensor;
 
-pub use contact::{Contact, Touch};
+pub use contact::{Contact, ContactError, Touch};
 pub use decode::{DecodeError, TactileDecoder};
+pub use lift::{LiftError, LiftParams, lift};
 pub use patch::Patch;
-pub use sensor::{RelaxedGel, TactileSensor};
+pub use press::{PressError, PressParams, Pressed, press};
+pub use sensor::{RelaxedGel, SensorError, TactileSensor};
