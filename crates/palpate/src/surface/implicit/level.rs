@@ -105,6 +105,22 @@ impl Level {
         });
     }
 
+    /// Makes the border outside, so that the zero surface is closed.
+    pub(super) fn close_border(&mut self) {
+        let [nx, ny, nz] = self.dims;
+        for k in 0..nz {
+            for j in 0..ny {
+                let row = self.index(0, j, k);
+                let values = &mut self.values[row..row + nx];
+                if k == 0 || j == 0 || k + 1 == nz || j + 1 == ny {
+                    values.iter_mut().for_each(|v| *v = v.max(0.1));
+                }
+                values[0] = values[0].max(0.1);
+                values[nx - 1] = values[nx - 1].max(0.1);
+            }
+        }
+    }
+
     /// Makes exactly the marked nodes active, never those within two nodes of the border (the stencil must stay inside).
     pub(super) fn activate(&mut self, mask: &[bool]) {
         let [nx, ny, nz] = self.dims;

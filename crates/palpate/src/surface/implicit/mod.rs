@@ -18,6 +18,7 @@ mod thin;
 
 pub use params::{ImplicitParams, PriorParams};
 
+use super::isosurface::extract_isosurface;
 use crate::geometry::{Aabb, Point, TriangleMesh, Vector};
 use data::DataTerm;
 use level::Level;
@@ -65,6 +66,7 @@ pub fn solve_implicit(problem: &ImplicitProblem, params: &ImplicitParams) -> Imp
     for spacing in band_spacings(&problem.bounds, level.spacing, params) {
         level = solve_band(&level, spacing, problem, params);
     }
+    level.close_border();
     let anchors: Vec<Point> = problem.measured.iter().map(|s| s.position).collect();
     components::clean(&mut level, &anchors, params.component_share);
     ImplicitField { level }
@@ -223,10 +225,35 @@ impl ImplicitField {
         self.level.spacing
     }
 
-    /// The zero surface: closed, two-manifold, oriented outwards.
+    /// The zero surface: closed, two-manifold, oriented outwards by construction (the border of the grid is outside).
+    ///
+    /// O(nodes) to find the cells that it crosses, then O(surface).
     pub fn extract(&self) -> TriangleMesh {
-        let _ = &self.level;
-        TriangleMesh::default()
+        let level = &self.level;
+        let (nx, ny, nz) = (level.dims[0], level.dims[1], level.dims[2]);
+        let cells: Vec<[i32; 3]> = (0..nz - 1)
+            .into_par_iter()
+            .flat_map_iter(|k| {
+                let mut found = Vec::new();
+                for j in 0..ny - 1 {
+                    let rows = [(0, 0), (1, 0), (0, 1), (1, 1)].map(|(dj, dk)| level.index(0, j + dj, k + dk));
+                    for i in 0..nx - 1 {
+                        let inside = rows
+                            .iter()
+                            .map(|&row| {
+                                u8::from(level.values[row + i] < 0.0) + u8::from(level.values[row + i + 1] < 0.0)
+                            })
+                            .sum::<u8>();
+                        if inside > 0 && inside < 8 {
+                            found.push([i as i32, j as i32, k as i32]);
+                        }
+                    }
+                }
+                found
+            })
+            .collect();
+        let value = |c: [i32; 3]| f64::from(level.values[level.index(c[0] as usize, c[1] as usize, c[2] as usize)]);
+        extract_isosurface(&cells, value, |c| level.position(c[0] as usize, c[1] as usize, c[2] as usize))
     }
 }
 
@@ -282,6 +309,9 @@ mod tests {
             ImplicitProblem { measured: &measured, guessed: &[], bounds: cube(0.06), free: &below, free_fine: &below };
         let field = solve_implicit(&problem, &params());
         assert!(field.signed_distance(&Point::origin()) < 0.0);
+        let mesh = field.extract();
+        assert!(crate::geometry::Topology::of(&mesh).is_closed());
+        assert!(mesh.volume() > 0.0);
         assert!(field.signed_distance(&Point::new(0.0, 0.0, -0.025)) > 0.0);
         assert!(field.signed_distance(&Point::new(0.0, 0.0, 0.04)).abs() < 2e-4);
     }
