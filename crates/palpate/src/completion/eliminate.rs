@@ -5,14 +5,14 @@ use serde::{Deserialize, Serialize};
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct EliminationParams {
-    /// Radius of a ray where it passes its tactile point, in units of the patch's sample spacing; larger removes more. Default 1: the
-    /// rays of neighbouring samples overlap, and none reaches past the patch by more than a sample.
+    /// Radius of a ray where it passes its tactile point, in units of the patch's sample spacing; larger removes more. Default 1.5:
+    /// rays of neighbours overlap even where averaging has spaced the samples unevenly, and reach past the patch by 1.5 samples at most.
     pub ray_radius: f64,
 }
 
 impl Default for EliminationParams {
     fn default() -> Self {
-        Self { ray_radius: 1.0 }
+        Self { ray_radius: 1.5 }
     }
 }
 

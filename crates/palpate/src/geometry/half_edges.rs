@@ -4,7 +4,7 @@ pub(crate) struct HalfEdge {
     pub(crate) low: u32,
     pub(crate) high: u32,
     /// Corner of the face (3 f + k) where the side starts.
-    pub(crate) corner: usize,
+    pub(crate) corner: u32,
     pub(crate) forward: bool,
 }
 
@@ -13,49 +13,26 @@ impl HalfEdge {
         (self.low, self.high)
     }
 
-    pub(crate) fn face(&self) -> usize {
+    pub(crate) fn face(&self) -> u32 {
         self.corner / 3
     }
 
     /// The face's corner at one end of the edge.
-    pub(crate) fn corner_at(&self, vertex: u32) -> usize {
+    pub(crate) fn corner_at(&self, vertex: u32) -> u32 {
         if (vertex == self.low) == self.forward { self.corner } else { 3 * self.face() + (self.corner % 3 + 1) % 3 }
     }
 }
 
 /// Every side of every face, sorted by edge and then by corner.
 pub(crate) fn sorted_half_edges(faces: &[[u32; 3]]) -> Vec<HalfEdge> {
-    let mut half_edges: Vec<HalfEdge> = (0..3 * faces.len())
+    let mut half_edges: Vec<HalfEdge> = (0..3 * faces.len() as u32)
         .map(|corner| {
-            let face = &faces[corner / 3];
-            let (a, b) = (face[corner % 3], face[(corner % 3 + 1) % 3]);
+            let face = &faces[corner as usize / 3];
+            let k = corner as usize % 3;
+            let (a, b) = (face[k], face[(k + 1) % 3]);
             HalfEdge { low: a.min(b), high: a.max(b), corner, forward: a < b }
         })
         .collect();
     half_edges.sort_unstable();
     half_edges
-}
-
-/// Disjoint sets with path halving; the root is the smallest member, so results do not depend on the order of unions.
-pub(crate) struct UnionFind {
-    parent: Vec<usize>,
-}
-
-impl UnionFind {
-    pub(crate) fn new(count: usize) -> Self {
-        Self { parent: (0..count).collect() }
-    }
-
-    pub(crate) fn root(&mut self, mut i: usize) -> usize {
-        while self.parent[i] != i {
-            self.parent[i] = self.parent[self.parent[i]];
-            i = self.parent[i];
-        }
-        i
-    }
-
-    pub(crate) fn unite(&mut self, a: usize, b: usize) {
-        let (a, b) = (self.root(a), self.root(b));
-        self.parent[a.max(b)] = a.min(b);
-    }
 }

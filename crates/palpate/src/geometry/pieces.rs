@@ -1,12 +1,12 @@
-use super::TriangleMesh;
-use super::half_edges::{UnionFind, sorted_half_edges};
+use super::half_edges::sorted_half_edges;
+use super::{TriangleMesh, UnionFind};
 
 /// For each face the number of its piece, counted from 0 in the order of first faces; a piece is joined by edges.
 pub fn pieces(mesh: &TriangleMesh) -> Vec<usize> {
     let mut sets = UnionFind::new(mesh.faces.len());
     for edge in sorted_half_edges(&mesh.faces).chunk_by(|a, b| a.edge() == b.edge()) {
         for h in &edge[1..] {
-            sets.unite(edge[0].face(), h.face());
+            sets.union(edge[0].face(), h.face());
         }
     }
     let mut number = vec![usize::MAX; mesh.faces.len()];
@@ -18,7 +18,7 @@ pub fn pieces(mesh: &TriangleMesh) -> Vec<usize> {
         }
         number[root]
     };
-    (0..mesh.faces.len()).map(|f| label(sets.root(f))).collect()
+    (0..mesh.faces.len() as u32).map(|f| label(sets.find(f) as usize)).collect()
 }
 
 /// The mesh without the pieces that have less than `share` of its whole area, and without unused vertices.
@@ -42,12 +42,12 @@ pub fn split_fans(mesh: &TriangleMesh) -> TriangleMesh {
     let mut fans = UnionFind::new(3 * mesh.faces.len());
     for edge in sorted_half_edges(&mesh.faces).chunk_by(|a, b| a.edge() == b.edge()) {
         for h in &edge[1..] {
-            fans.unite(edge[0].corner_at(h.low), h.corner_at(h.low));
-            fans.unite(edge[0].corner_at(h.high), h.corner_at(h.high));
+            fans.union(edge[0].corner_at(h.low), h.corner_at(h.low));
+            fans.union(edge[0].corner_at(h.high), h.corner_at(h.high));
         }
     }
     let corners: Vec<usize> = mesh.faces.iter().flat_map(|f| f.map(|v| v as usize)).collect();
-    rebuilt(mesh, &corners, corners.len(), |corner, _| fans.root(corner))
+    rebuilt(mesh, &corners, corners.len(), |corner, _| fans.find(corner as u32) as usize)
 }
 
 /// A mesh of the listed corners (vertex indices, three per face); corners with the same `key(position in the list, vertex)` share

@@ -1,5 +1,5 @@
-use super::TriangleMesh;
-use super::half_edges::{HalfEdge, UnionFind, sorted_half_edges};
+use super::half_edges::{HalfEdge, sorted_half_edges};
+use super::{TriangleMesh, UnionFind};
 use serde::Serialize;
 
 /// How the faces of a mesh hang together. Combinatorial: only [`Topology::degenerate_faces`] looks at positions.
@@ -50,9 +50,9 @@ impl Topology {
         for group in &groups {
             let first = &group[0];
             for h in &group[1..] {
-                pieces.unite(first.face(), h.face());
-                fans.unite(first.corner_at(first.low), h.corner_at(first.low));
-                fans.unite(first.corner_at(first.high), h.corner_at(first.high));
+                pieces.union(first.face(), h.face());
+                fans.union(first.corner_at(first.low), h.corner_at(first.low));
+                fans.union(first.corner_at(first.high), h.corner_at(first.high));
             }
             match group {
                 [h] => boundary.push(*h),
@@ -66,16 +66,16 @@ impl Topology {
         }
         let mut loops = UnionFind::new(3 * faces.len());
         for h in &boundary {
-            loops.unite(fans.root(h.corner_at(h.low)), fans.root(h.corner_at(h.high)));
+            loops.union(fans.find(h.corner_at(h.low)), fans.find(h.corner_at(h.high)));
         }
-        let mut loop_roots: Vec<usize> = boundary.iter().map(|h| loops.root(fans.root(h.corner_at(h.low)))).collect();
+        let mut loop_roots: Vec<u32> = boundary.iter().map(|h| loops.find(fans.find(h.corner_at(h.low)))).collect();
         loop_roots.sort_unstable();
         loop_roots.dedup();
 
         let mut fans_of_vertex = vec![0_usize; mesh.vertices.len()];
-        for corner in 0..3 * faces.len() {
-            if fans.root(corner) == corner {
-                fans_of_vertex[faces[corner / 3][corner % 3] as usize] += 1;
+        for corner in 0..3 * faces.len() as u32 {
+            if fans.find(corner) == corner {
+                fans_of_vertex[faces[corner as usize / 3][corner as usize % 3] as usize] += 1;
             }
         }
         let fan_count: usize = fans_of_vertex.iter().sum();
@@ -90,7 +90,7 @@ impl Topology {
             non_manifold_vertices: fans_of_vertex.iter().zip(&bad_vertex).filter(|&(&n, &bad)| n > 1 || bad).count(),
             inconsistent_edges: inconsistent,
             degenerate_faces: (0..mesh.faces.len()).filter(|&f| is_degenerate(mesh, f)).count(),
-            components: (0..faces.len()).filter(|&f| pieces.root(f) == f).count(),
+            components: (0..faces.len() as u32).filter(|&f| pieces.find(f) == f).count(),
             euler_characteristic: fan_count as i64 - groups.len() as i64 + faces.len() as i64,
         }
     }
