@@ -51,7 +51,7 @@ pub struct Comparison {
     pub watertight: bool,
     /// Every edge of the prediction has exactly two faces (corners joined by index).
     pub edge_manifold: bool,
-    /// Connected parts of the prediction.
+    /// Parts of the prediction, joined by edges.
     pub components: usize,
     /// Triangles of the prediction.
     pub faces: usize,
@@ -99,10 +99,7 @@ impl TruthReference {
             let count = truth_hidden.iter().filter(|h| **h).count();
             HiddenSide {
                 share: count as f64 / truth_hidden.len() as f64,
-                distances: Distances::new(
-                    &of_predicted.filtered(&predicted_hidden),
-                    &of_truth.filtered(truth_hidden),
-                ),
+                distances: Distances::new(&of_predicted.filtered(&predicted_hidden), &of_truth.filtered(truth_hidden)),
             }
         });
 
@@ -207,15 +204,8 @@ mod tests {
     #[test]
     fn hidden_side_of_a_box_seen_from_above() {
         // Camera 1 m above looking straight down at a cube: only the top face is seen. Rotation by π about x.
-        let camera = PinholeCamera {
-            width: 640,
-            height: 480,
-            fx: 500.0,
-            fy: 500.0,
-            cx: 319.5,
-            cy: 239.5,
-            distortion: [0.0; 5],
-        };
+        let camera =
+            PinholeCamera { width: 640, height: 480, fx: 500.0, fy: 500.0, cx: 319.5, cy: 239.5, distortion: [0.0; 5] };
         let down = Isometry::new(Vector::new(0.0, 0.0, 1.0), Vector::x() * std::f64::consts::PI);
         let viewpoint = Some(Viewpoint { camera, world_from_camera: down });
         let cube = cuboid(Vector::repeat(0.1));

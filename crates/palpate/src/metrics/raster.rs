@@ -2,6 +2,7 @@
 
 use super::inside::InsideRule;
 use crate::geometry::{Aabb, Point, TriangleMesh};
+use rand::seq::SliceRandom as _;
 use rand::{RngExt as _, SeedableRng as _};
 use rand_pcg::Pcg64Mcg;
 
@@ -32,8 +33,10 @@ pub(super) struct Crossings {
 impl LineBundle {
     /// About `lines` lines along `axis` through a box; the places depend on the seed.
     ///
-    /// Jittered cells: no mesh edge can run along the lattice, and the error of the integral falls with the 3/4 power of the
-    /// number of lines for a solid (Mitchell, *Consequences of stratified sampling in graphics*, SIGGRAPH 1996).
+    /// Multi-jittered: one line a cell, and within each column (row) of cells the lines are spread evenly across (along) it too.
+    /// No mesh edge can run along the lattice, and a wall parallel to an axis, however thin, meets its share of the lines.
+    ///
+    /// Chiu, Shirley & Wang, *Multi-jittered sampling*, Graphics Gems IV, 1994.
     pub(super) fn new(bounds: &Aabb, axis: usize, lines: usize, seed: u64) -> Self {
         let axes = [(axis + 1) % 3, (axis + 2) % 3, axis];
         // A flat box still has lines through it: no side counts as thinner than a thousandth of the diagonal.
@@ -42,12 +45,23 @@ impl LineBundle {
         let cell = (side[0] * side[1] / lines.max(1) as f64).sqrt();
         let shape = side.map(|s| ((s / cell).ceil() as usize).max(1));
         let mut rng = Pcg64Mcg::seed_from_u64(seed.wrapping_mul(3).wrapping_add(axis as u64));
-        let places = (0..shape[0] * shape[1])
-            .map(|i| {
-                let (col, row) = (i % shape[0], i / shape[0]);
-                [(col as f64 + rng.random::<f64>()) * cell, (row as f64 + rng.random::<f64>()) * cell]
-            })
-            .collect();
+        let mut places = vec![[0.0; 2]; shape[0] * shape[1]];
+        let mut order: Vec<usize> = (0..shape[1]).collect();
+        for col in 0..shape[0] {
+            order.shuffle(&mut rng);
+            for (row, &rank) in order.iter().enumerate() {
+                let within = (rank as f64 + rng.random::<f64>()) / shape[1] as f64;
+                places[row * shape[0] + col][0] = (col as f64 + within) * cell;
+            }
+        }
+        order = (0..shape[0]).collect();
+        for row in 0..shape[1] {
+            order.shuffle(&mut rng);
+            for (col, &rank) in order.iter().enumerate() {
+                let within = (rank as f64 + rng.random::<f64>()) / shape[0] as f64;
+                places[row * shape[0] + col][1] = (row as f64 + within) * cell;
+            }
+        }
         Self { axes, origin: bounds.min, cell, shape, places }
     }
 
@@ -112,20 +126,14 @@ fn cross_line(triangle: &[[f64; 3]; 3], place: [f64; 2]) -> Option<Crossing> {
         return None;
     }
     let sum = ab + bc + ca;
-    let at = if sum == 0.0 {
-        (a[2] + b[2] + c[2]) / 3.0
-    } else {
-        (bc * a[2] + ca * b[2] + ab * c[2]) / sum
-    };
+    let at = if sum == 0.0 { (a[2] + b[2] + c[2]) / 3.0 } else { (bc * a[2] + ca * b[2] + ab * c[2]) / sum };
     // Counter-clockwise seen against the line: the outward normal points along it, so it leaves the mesh here.
     Some(Crossing { at, step: if left_ab { -1 } else { 1 } })
 }
 
 /// Twice the signed area of (p, q, place), and whether the place is to the left of p → q.
 fn edge(p: &[f64; 3], q: &[f64; 3], place: [f64; 2]) -> (f64, bool) {
-    let area = |p: &[f64; 3], q: &[f64; 3]| {
-        (q[0] - p[0]) * (place[1] - p[1]) - (q[1] - p[1]) * (place[0] - p[0])
-    };
+    let area = |p: &[f64; 3], q: &[f64; 3]| (q[0] - p[0]) * (place[1] - p[1]) - (q[1] - p[1]) * (place[0] - p[0]);
     if (p[0], p[1]) <= (q[0], q[1]) {
         let e = area(p, q);
         (e, e >= 0.0)

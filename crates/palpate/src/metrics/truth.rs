@@ -74,10 +74,8 @@ impl Judged {
         let (inside, watertight) = InsideRule::of(mesh);
         // A zero-area face has no normal and its points lie on its neighbours as well.
         let mut solid = TriangleMesh { vertices: mesh.vertices.clone(), faces: mesh.faces.clone(), colors: None };
-        solid.faces = (0..mesh.faces.len())
-            .filter(|&f| mesh.face_normal(f) != Vector::zeros())
-            .map(|f| mesh.faces[f])
-            .collect();
+        solid.faces =
+            (0..mesh.faces.len()).filter(|&f| mesh.face_normal(f) != Vector::zeros()).map(|f| mesh.faces[f]).collect();
         let normals = (0..solid.faces.len()).map(|f| solid.face_normal(f)).collect();
         let bvh = Bvh::new(&solid);
         Ok(Self { mesh: mesh.clone(), samples, inside, watertight, bvh, normals })
