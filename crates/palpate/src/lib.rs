@@ -13,6 +13,7 @@ pub mod geometry;
 pub mod io;
 pub mod metrics;
 pub mod pipeline;
+pub mod render;
 pub mod scene;
 pub mod simulate;
 pub mod surface;

@@ -1,0 +1,15 @@
+//! Pictures of meshes and clouds, on the processor alone: depth-buffered triangles and discs, two lights with a soft
+//! shadow, ambient occlusion, 2 × 2 supersampling. The same bytes for any number of threads.
+
+mod draw;
+mod font;
+mod item;
+mod occlusion;
+mod panels;
+mod shade;
+mod view;
+
+pub use item::{Item, Paint, Shape, palette};
+pub use panels::{Panel, render_panels};
+pub use shade::render_scene;
+pub use view::{Look, View, Viewpoint};
