@@ -203,6 +203,6 @@ mod tests {
         let inked: Vec<(usize, usize)> = picture.pixels().filter(|p| *p.2 != paper).map(|p| (p.0, p.1)).collect();
         let half = 0.5 * width("IoU 0.9", 12.0) + 2.0;
         assert!(inked.iter().all(|&(r, c)| (15..=32).contains(&r) && (c as f64 - 60.0).abs() <= half), "{inked:?}");
-        assert!(inked.iter().any(|&(r, c)| r < 22 && c < 30), "the capital I starts the line");
+        assert!(inked.iter().any(|&(r, c)| r < 22 && c < 34), "the capital I starts the line");
     }
 }

@@ -175,8 +175,8 @@ mod tests {
         let points = (0..400).map(|i| Point::new((i % 20) as f64 * 0.01, 0.0, (i / 20) as f64 * 0.01)).collect();
         let cloud = PointCloud { points, normals: Some(vec![-Vector::y(); 400]), colors: None };
         let picture = front(&[Item::cloud(&cloud, [0, 0, 200])]);
-        let inside = picture.pixels().filter(|p| (10..54).contains(&p.0) && (10..54).contains(&p.1));
-        assert!(inside.clone().all(|p| p.2[2] > p.2[0] + 40), "a gap between the discs");
+        let mut inside = picture.pixels().filter(|p| (10..54).contains(&p.0) && (10..54).contains(&p.1));
+        assert!(inside.all(|p| p.2[2] > p.2[0] + 40), "a gap between the discs");
     }
 
     #[test]
