@@ -4,11 +4,16 @@ mod depth_image;
 mod error;
 mod intrinsics;
 mod raster_filter;
+mod segment;
+mod segment_params;
 mod smooth;
+mod support;
 mod visible;
 
 pub use depth_image::{Background, DepthNoise, Frame};
 pub use error::CameraError;
 pub use intrinsics::PinholeCamera;
+pub use segment::segment_object;
+pub use segment_params::{SegmentError, SegmentParams};
 pub use smooth::{SmoothParams, smooth_depth};
 pub use visible::Visible;
