@@ -16,6 +16,9 @@ mod off;
 mod pcd;
 mod ply;
 mod raw;
+mod scene;
+mod scene_format;
+mod scene_write;
 mod stl;
 
 pub use atomic::atomic_write;
@@ -28,3 +31,5 @@ pub use mesh_files::{
     CloudFile, parse_cloud, parse_mesh, read_cloud, read_cloud_file, read_mesh, write_cloud, write_mesh,
 };
 pub use npy::{NpyArray, parse_npy, read_height_map_npy, read_npy, write_height_map_npy, write_npy};
+pub use scene::{SceneCheck, SceneFile, check_scene, read_scene};
+pub use scene_write::{NewScene, SceneToWrite, init_scene, write_scene};
