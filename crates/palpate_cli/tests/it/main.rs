@@ -1,0 +1,3 @@
+//! What only a process shows: exit status, messages, files.
+
+mod render;
