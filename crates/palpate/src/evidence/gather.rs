@@ -154,9 +154,9 @@ mod tests {
         let points = surface(&solids);
         let mut clearance: Vec<f64> = points.iter().map(|p| evidence.free_space.clearance(p)).collect();
         clearance.sort_unstable_by(f64::total_cmp);
-        // A corner's tip lies between pixel centres: it may stand out by one pixel, 0.5 m / 400.
+        // An edge stands out of the pixel grid by up to half a pixel (0.5 m / 400), the tip of a corner by up to one.
         let (worst, high) = (clearance[clearance.len() - 1], clearance[clearance.len() * 99 / 100]);
-        assert!(worst < 0.5 / 400.0 && high < 0.0002, "clearance on the surface: {worst}, 99 % {high}");
+        assert!(worst < 0.5 / 400.0 && high < 0.5 / 400.0 * 0.45, "clearance on the surface: {worst}, 99 % {high}");
         let worst = points.iter().map(|p| evidence.free_space.signed_distance(p)).fold(f64::MIN, f64::max);
         assert!(worst < 0.7 * h, "grid distance on the surface: {worst}, cells of {h}");
     }

@@ -1,1 +1,18 @@
-//! Symmetry as a hypothesis that evidence can reject: planes, axes, spheres.
+//! Symmetry as a hypothesis that evidence can reject.
+//!
+//! A hypothesis moves every measured sample, seen and felt, and looks it up: landing in proven free space speaks against it, landing on a
+//! measured surface with an agreeing normal speaks for it, landing where nothing is known says nothing. Accepting none is an answer.
+
+mod accept;
+mod axes;
+mod element;
+mod estimate;
+mod params;
+mod planes;
+mod refine;
+mod score;
+
+pub use element::{Motion, SymmetryElement};
+pub use estimate::{EvidenceSearch, Hypothesis, Rejection, Symmetry, SymmetryEstimator};
+pub use params::{SymmetryError, SymmetryParams};
+pub use score::Score;

@@ -1,0 +1,304 @@
+use super::accept::{confidence, judge, resolve_conflicts};
+use super::axes::{normal_line_center, same_line, search_axes};
+use super::element::SymmetryElement;
+use super::params::SymmetryParams;
+use super::planes::{same, search_planes};
+use super::refine::{covariance, refine};
+use super::score::{Score, Scorer, Tolerances};
+use crate::evidence::Evidence;
+use crate::geometry::{Plane, Point, Vector};
+use nalgebra::{DMatrix, Unit};
+use rayon::prelude::*;
+
+/// Guesses the symmetry of a partly seen object.
+pub trait SymmetryEstimator: Sync {
+    /// Hypotheses for the evidence, accepted and rejected. Accepting none is an answer.
+    fn estimate(&self, evidence: &Evidence) -> Symmetry;
+}
+
+/// What was found.
+#[derive(Debug, Clone, Default)]
+pub struct Symmetry {
+    /// What the evidence accepts, in the order of use: the axis to revolve about if there is one, then planes, then spheres. At most one axis
+    /// and [`SymmetryParams::planes`] planes.
+    pub accepted: Vec<Hypothesis>,
+    /// What was refined and then dropped, best first.
+    pub rejected: Vec<Hypothesis>,
+}
+
+impl Symmetry {
+    /// The accepted planes, in the order of use.
+    pub fn planes(&self) -> impl Iterator<Item = &Plane> {
+        self.accepted
+            .iter()
+            .filter_map(|h| if let SymmetryElement::Reflection(p) = &h.element { Some(p) } else { None })
+    }
+}
+
+/// Why a hypothesis was dropped.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Rejection {
+    /// Hardly anything lands on a measured surface.
+    LittleSupport {
+        /// Informative support needed.
+        needed: f64,
+    },
+    /// Too much lands in free space or beside the surface.
+    Opposed {
+        /// Violation and contradiction allowed for its support.
+        allowed: f64,
+    },
+    /// It disagrees with a better plane.
+    Conflict {
+        /// That plane.
+        with: Plane,
+    },
+    /// It adds nothing to the accepted ones.
+    Redundant,
+}
+
+/// A possible symmetry and what the evidence says of it.
+#[derive(Debug, Clone)]
+pub struct Hypothesis {
+    /// What maps the object onto itself.
+    pub element: SymmetryElement,
+    /// Means over the moved evidence.
+    pub score: Score,
+    /// 0–1.
+    pub confidence: f64,
+    /// Of the element's parameters at the evidence's centroid: plane 3×3 (turn about u, about v, shift along the normal), axis 4×4 (turn about u,
+    /// about v, shift along u, along v), sphere 3×3 (centre); radians and metres. `None` where support leaves a parameter undetermined.
+    pub covariance: Option<DMatrix<f64>>,
+    /// `None` = accepted.
+    pub rejection: Option<Rejection>,
+}
+
+/// The default estimator: searches planes, axes and spheres on the evidence itself.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct EvidenceSearch {
+    /// Search and acceptance.
+    pub params: SymmetryParams,
+}
+
+impl SymmetryEstimator for EvidenceSearch {
+    fn estimate(&self, evidence: &Evidence) -> Symmetry {
+        let scorer = Scorer::new(evidence, &self.params);
+        let candidates = search_planes(&scorer);
+        let planes = refined_planes(&scorer, &candidates);
+        let best: Vec<Plane> = planes.iter().take(5).map(|p| p.0).collect();
+        let lines = search_axes(&scorer, &best);
+        let mut axes: Vec<Hypothesis> = lines
+            .par_iter()
+            .map(|&(point, direction)| {
+                let (element, score) = refine(&scorer, &SymmetryElement::Axis { point, direction, order: None });
+                hypothesis(&scorer, element, score)
+            })
+            .collect();
+        let sphere = sphere(&scorer);
+        if let Some((_, axis)) = &sphere {
+            // The axis that shows most of the hidden side, not the one that scores best.
+            axes.insert(0, axis.clone());
+        } else {
+            axes.sort_by(|a, b| usefulness(b).total_cmp(&usefulness(a)));
+        }
+        let mut symmetry = Symmetry::default();
+        let direction = pick_axis(&scorer, axes, &mut symmetry);
+        let hypotheses: Vec<Hypothesis> =
+            planes.par_iter().map(|(p, s)| hypothesis(&scorer, SymmetryElement::Reflection(*p), *s)).collect();
+        for h in resolve_conflicts(&scorer, hypotheses, direction.as_ref()) {
+            if h.rejection.is_none() { &mut symmetry.accepted } else { &mut symmetry.rejected }.push(h);
+        }
+        symmetry.accepted.extend(sphere.map(|s| s.0));
+        symmetry.rejected.sort_by(|a, b| b.score.value().total_cmp(&a.score.value()));
+        symmetry
+    }
+}
+
+/// Accepts the first acceptable axis; the others are rejected. Returns its direction.
+fn pick_axis(scorer: &Scorer, axes: Vec<Hypothesis>, symmetry: &mut Symmetry) -> Option<Vector> {
+    let mut direction = None;
+    let mut lines = Vec::new();
+    for mut h in axes {
+        let SymmetryElement::Axis { point, direction: d, .. } = h.element else { continue };
+        if lines.iter().any(|l| same_line(l, &(point, d), &scorer.centroid)) {
+            continue;
+        }
+        lines.push((point, d));
+        if h.rejection.is_none() && direction.is_some() {
+            h.rejection = Some(Rejection::Redundant);
+        }
+        if h.rejection.is_none() {
+            direction = Some(d.into_inner());
+            symmetry.accepted.push(h);
+        } else {
+            symmetry.rejected.push(h);
+        }
+    }
+    direction
+}
+
+/// What an element is worth: support, and unknown space to fill. One that maps the visible side onto itself scores high and adds nothing.
+fn usefulness(h: &Hypothesis) -> f64 {
+    h.score.value() * (h.score.neutral + 0.02)
+}
+
+fn refined_planes(scorer: &Scorer, candidates: &[Plane]) -> Vec<(Plane, Score)> {
+    let mut refined: Vec<(Plane, Score)> = candidates
+        .par_iter()
+        .filter_map(|plane| match refine(scorer, &SymmetryElement::Reflection(*plane)) {
+            (SymmetryElement::Reflection(plane), score) => Some((plane, score)),
+            _ => None,
+        })
+        .collect();
+    refined.sort_by(|a, b| b.1.value().total_cmp(&a.1.value()));
+    let mut kept: Vec<(Plane, Score)> = Vec::new();
+    for r in refined {
+        if kept.iter().all(|k| !same(&k.0, &r.0, &scorer.centroid, 0.999, 0.002)) {
+            kept.push(r);
+        }
+    }
+    kept
+}
+
+fn hypothesis(scorer: &Scorer, element: SymmetryElement, score: Score) -> Hypothesis {
+    let params = scorer.params;
+    let rejection = judge(&element, &score, params);
+    let covariance = if rejection.is_none() { covariance(scorer, &element) } else { None };
+    Hypothesis { element, score, confidence: confidence(&element, &score, params), covariance, rejection }
+}
+
+/// The sphere hypothesis and the axis it lends, if the two axes through its centre across the view are both acceptable.
+fn sphere(scorer: &Scorer) -> Option<(Hypothesis, Hypothesis)> {
+    let center = normal_line_center(scorer)?;
+    let (element, score) = refine(scorer, &SymmetryElement::Sphere { center });
+    let SymmetryElement::Sphere { center } = element else { return None };
+    let sphere = hypothesis(scorer, element, score);
+    let view = (center - scorer.evidence.camera_center).try_normalize(1e-9)?;
+    let first = Unit::try_new(scorer.evidence.up().cross(&view), 1e-3).unwrap_or_else(|| across(&view));
+    let second = Unit::new_normalize(view.cross(&first));
+    let axis = |center: Point, direction: Unit<Vector>| {
+        let element = SymmetryElement::Axis { point: center, direction, order: None };
+        let score = scorer.score(&element, &Tolerances::fine(scorer.params), scorer.params.refine_samples);
+        hypothesis(scorer, element, score)
+    };
+    let axes = [axis(center, first), axis(center, second)];
+    let accepted = sphere.rejection.is_none() && axes.iter().all(|h| h.rejection.is_none());
+    let [a, b] = axes;
+    accepted.then(|| if b.score.value() > a.score.value() { (sphere.clone(), b) } else { (sphere, a) })
+}
+
+fn across(view: &Vector) -> Unit<Vector> {
+    Unit::new_unchecked(super::element::tangents(view).0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::evidence::EvidenceParams;
+    use crate::evidence::testing::{Solid, touch, view};
+    use crate::tactile::Patch;
+
+    fn evidence(solids: &[Solid], patches: &[Patch]) -> Evidence {
+        let (frame, visible) = view(solids, 0.001);
+        Evidence::gather(&frame, &visible, patches, &EvidenceParams::default()).expect("the solid is seen")
+    }
+
+    fn estimate(solids: &[Solid], patches: &[Patch]) -> Symmetry {
+        EvidenceSearch::default().estimate(&evidence(solids, patches))
+    }
+
+    /// Angle (degrees) and offset at `at` (metres) of the accepted plane nearest to the one through `at` with normal `n`.
+    fn nearest(symmetry: &Symmetry, n: Vector, at: &Point) -> (f64, f64) {
+        let error = |p: &Plane| (p.normal.dot(&n).abs().min(1.0).acos().to_degrees(), p.signed_distance(at).abs());
+        symmetry.planes().map(error).min_by(|a, b| a.0.total_cmp(&b.0)).expect("some plane is accepted")
+    }
+
+    #[test]
+    fn a_box_has_its_planes() {
+        let center = Point::new(0.0, 0.0, 0.03);
+        let solids = [Solid::Box(center, Vector::new(0.045, 0.025, 0.03), 0.8)];
+        let symmetry = estimate(&solids, &[]);
+        let right = [Vector::new(0.8_f64.cos(), 0.8_f64.sin(), 0.0), Vector::new(-(0.8_f64.sin()), 0.8_f64.cos(), 0.0)];
+        for n in right {
+            let (angle, offset) = nearest(&symmetry, n, &center);
+            assert!(angle < 2.0 && offset < 0.002, "normal {n}: off by {angle}°, {offset} m");
+        }
+        for plane in symmetry.planes() {
+            let angle = right.iter().chain(&[Vector::z()]).map(|n| plane.normal.dot(n).abs()).fold(0.0, f64::max);
+            assert!(angle > 0.998, "a wrong plane is accepted: {plane:?}");
+        }
+    }
+
+    #[test]
+    fn a_cylinder_has_its_axis_and_a_covariance() {
+        let center = Point::new(0.01, -0.005, 0.04);
+        let symmetry = estimate(&[Solid::Cylinder(center, 0.03, 0.04)], &[]);
+        let first = &symmetry.accepted[0];
+        let SymmetryElement::Axis { point, direction, .. } = first.element else { panic!("no axis first: {first:?}") };
+        let miss = (center - point).cross(&direction).norm();
+        assert!(direction.z.abs() > 0.9995 && miss < 0.001, "axis {direction:?} misses the centre by {miss}");
+        let covariance = first.covariance.as_ref().expect("four parameters are determined");
+        let sigma = covariance[(2, 2)].sqrt();
+        assert!(covariance.shape() == (4, 4) && sigma > 2e-5 && sigma < 2e-3, "σ of the shift: {sigma}");
+    }
+
+    #[test]
+    fn a_ball_has_its_centre_and_an_axis_across_the_view() {
+        let center = Point::new(0.0, 0.0, 0.035);
+        let evidence = evidence(&[Solid::Sphere(center, 0.035)], &[]);
+        let symmetry = EvidenceSearch::default().estimate(&evidence);
+        let sphere = symmetry.accepted.iter().find_map(|h| match h.element {
+            SymmetryElement::Sphere { center } => Some(center),
+            _ => None,
+        });
+        let miss = (sphere.expect("a ball is a sphere") - center).norm();
+        assert!(miss < 0.001, "centre off by {miss}");
+        let SymmetryElement::Axis { direction, .. } = symmetry.accepted[0].element else {
+            panic!("an axis comes first")
+        };
+        let view = (center - evidence.camera_center).normalize();
+        assert!(direction.dot(&view).abs() < 0.02, "an axis towards the camera shows nothing new");
+    }
+
+    #[test]
+    fn a_lopsided_object_has_no_upright_plane() {
+        let solids = [
+            Solid::Box(Point::new(0.0, 0.0, 0.02), Vector::new(0.045, 0.025, 0.02), 0.3),
+            Solid::Sphere(Point::new(0.03, 0.02, 0.045), 0.022),
+            Solid::Cylinder(Point::new(-0.02, -0.03, 0.035), 0.014, 0.035),
+        ];
+        let symmetry = estimate(&solids, &[]);
+        let upright: Vec<_> = symmetry.planes().filter(|p| p.normal.z.abs() < 0.3).collect();
+        assert!(upright.is_empty(), "accepted {upright:?}");
+        assert!(!symmetry.rejected.is_empty() && symmetry.rejected.iter().all(|h| h.rejection.is_some()));
+    }
+
+    #[test]
+    fn a_touch_on_the_hidden_side_rejects_a_plane_that_it_contradicts() {
+        // From the front this is a box; a step as wide as it is hides behind it.
+        let (center, half, yaw) = (Point::new(0.0, 0.0, 0.03), Vector::new(0.02, 0.04, 0.03), 20.0_f64.to_radians());
+        let (front, side) = (Vector::new(yaw.cos(), yaw.sin(), 0.0), Vector::new(-yaw.sin(), yaw.cos(), 0.0));
+        let step = Point::from(Vector::z() * 0.014 - front * 0.034);
+        let solids = [Solid::Box(center, half, yaw), Solid::Box(step, Vector::new(0.014, 0.036, 0.014), yaw)];
+        let across = |s: &Symmetry| s.planes().any(|p| p.normal.dot(&front).abs() > 0.95);
+        assert!(across(&estimate(&solids, &[])), "nothing seen speaks against the plane between front and back");
+        let touches: Vec<Patch> = [-0.025, -0.01, 0.01, 0.025]
+            .iter()
+            .flat_map(|&y| {
+                let to = step + side * y;
+                [touch(&solids, to - front * 0.1, to), touch(&solids, to + Vector::z() * 0.1, to)]
+            })
+            .collect();
+        assert!(!across(&estimate(&solids, &touches)), "the touched step has no mate on the seen front");
+    }
+
+    #[test]
+    fn the_same_evidence_gives_the_same_answer_for_any_number_of_threads() {
+        let solids = [Solid::Box(Point::new(0.0, 0.0, 0.03), Vector::new(0.045, 0.025, 0.03), 0.8)];
+        let run = |threads| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a small pool");
+            pool.install(|| format!("{:?}", estimate(&solids, &[])))
+        };
+        assert_eq!(run(1), run(3));
+    }
+}

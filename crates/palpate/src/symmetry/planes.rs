@@ -1,0 +1,99 @@
+use super::element::SymmetryElement;
+use super::score::{Scorer, Tolerances};
+use crate::geometry::{Plane, Point, Vector};
+use rayon::prelude::*;
+
+/// Planes closer than this are one candidate: cosine of the normals, and offset at the evidence's centroid, metres.
+const SAME_COSINE: f64 = 0.96;
+const SAME_OFFSET: f64 = 0.012;
+/// A candidate whose partial score falls below this is given up.
+const FLOOR: f64 = -0.12;
+
+/// The best distinct planes of a search over directions and offsets, best first.
+pub(super) fn search_planes(scorer: &Scorer) -> Vec<Plane> {
+    let params = scorer.params;
+    let tolerances = Tolerances::coarse(params);
+    let normals = directions(&scorer.evidence.up(), params.directions, params.horizontal_directions);
+    let mut scored: Vec<(f64, Plane)> = normals
+        .par_iter()
+        .flat_map_iter(|normal| {
+            let (low, high) = extent(scorer, normal);
+            let margin = 0.15 * (high - low);
+            let step = (high - low + 2.0 * margin) / params.offsets as f64;
+            (0..params.offsets).filter_map(move |k| {
+                let offset = low - margin + (k as f64 + 0.5) * step;
+                let plane = Plane::new(*normal, &Point::from(normal * offset))?;
+                let element = SymmetryElement::Reflection(plane);
+                let score = scorer.score_unless_bad(&element, &tolerances, params.search_samples, FLOOR)?;
+                (score.informative > 0.02).then(|| (score.value(), plane))
+            })
+        })
+        .collect();
+    // Stable: equal scores keep the order of the search.
+    scored.sort_by(|a, b| b.0.total_cmp(&a.0));
+    let planes: Vec<Plane> = scored.into_iter().map(|s| s.1).collect();
+    distinct(&planes, &scorer.centroid, params.plane_candidates, SAME_COSINE, SAME_OFFSET)
+}
+
+/// The first `count` planes that differ from all before them.
+pub(super) fn distinct(planes: &[Plane], at: &Point, count: usize, cosine: f64, offset: f64) -> Vec<Plane> {
+    let mut kept: Vec<Plane> = Vec::new();
+    for plane in planes {
+        if kept.len() == count {
+            break;
+        }
+        if kept.iter().all(|k| !same(k, plane, at, cosine, offset)) {
+            kept.push(*plane);
+        }
+    }
+    kept
+}
+
+/// Whether two planes coincide to the given cosine and offset at a point.
+pub(super) fn same(a: &Plane, b: &Plane, at: &Point, cosine: f64, offset: f64) -> bool {
+    let dot = a.normal.dot(&b.normal);
+    dot.abs() > cosine && (a.signed_distance(at) - dot.signum() * b.signed_distance(at)).abs() < offset
+}
+
+fn extent(scorer: &Scorer, normal: &Vector) -> (f64, f64) {
+    scorer.votes.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), s| {
+        let d = normal.dot(&s.position.coords);
+        (low.min(d), high.max(d))
+    })
+}
+
+/// `up`, `horizontal` normals round the horizon and `count` over the half-sphere round `up` (Fibonacci lattice).
+fn directions(up: &Vector, count: usize, horizontal: usize) -> Vec<Vector> {
+    let (u, v) = super::element::tangents(up);
+    let at = |angle: f64, z: f64| up * z + (u * angle.cos() + v * angle.sin()) * (1.0 - z * z).max(0.0).sqrt();
+    let golden = std::f64::consts::PI * (3.0 - 5.0_f64.sqrt());
+    let lattice = (0..count).map(|k| at(golden * k as f64, (k as f64 + 0.5) / count as f64));
+    let horizon = (0..horizontal).map(|k| at(std::f64::consts::PI * k as f64 / horizontal as f64, 0.0));
+    std::iter::once(*up).chain(horizon).chain(lattice).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn directions_cover_the_half_sphere() {
+        let all = directions(&Vector::new(0.6, 0.0, 0.8), 200, 60);
+        assert_eq!(all.len(), 261);
+        assert!(all.iter().all(|d| (d.norm() - 1.0).abs() < 1e-12));
+        for k in 0..50 {
+            let t = f64::from(k);
+            let query = Vector::new(t.sin(), (1.7 * t).cos(), (2.3 * t).sin()).normalize();
+            let best = all.iter().map(|d| d.dot(&query).abs()).fold(0.0, f64::max);
+            assert!(best > 12.0_f64.to_radians().cos(), "{query} is {} from the nearest", best.acos().to_degrees());
+        }
+    }
+
+    #[test]
+    fn a_flipped_plane_is_the_same() {
+        let p = Plane::new(Vector::x(), &Point::new(0.1, 0.0, 0.0)).expect("a direction");
+        let near = Plane::new(-Vector::x(), &Point::new(0.104, 0.0, 0.0)).expect("a direction");
+        let far = Plane::new(Vector::x(), &Point::new(0.12, 0.0, 0.0)).expect("a direction");
+        assert_eq!(distinct(&[p, near, far], &Point::origin(), 5, 0.96, 0.012), vec![p, far]);
+    }
+}

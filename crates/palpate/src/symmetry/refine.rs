@@ -1,0 +1,126 @@
+use super::element::{SymmetryElement, tangents, tilted};
+use super::score::{Score, Scorer, Tolerances};
+use crate::geometry::Plane;
+use nalgebra::{DMatrix, DVector};
+
+/// Steps of the pattern search, radians (and, times the object's radius, metres): coarse tolerances down to the second, fine ones to the last.
+const STEPS: [f64; 3] = [0.08, 0.02, 0.0006];
+/// Least σ of a residual, metres, and how many neighbouring votes share one error: what noise alone would make too sure.
+const RESIDUAL_FLOOR: f64 = 0.0005;
+const CORRELATED_VOTES: f64 = 10.0;
+
+/// Number of degrees of freedom: plane 3, axis 4, sphere 3.
+pub(super) fn degrees_of_freedom(element: &SymmetryElement) -> usize {
+    match element {
+        SymmetryElement::Axis { .. } => 4,
+        _ => 3,
+    }
+}
+
+/// The element moved by small parameters, in the order that covariances use.
+///
+/// * plane – turn about u, turn about v (radians), shift along the normal (metres), all at the evidence's centroid
+/// * axis – turn about u, turn about v, shift along u, shift along v, at the point of the axis nearest to the centroid
+/// * sphere – shift of the centre along x, y, z
+///
+/// (u, v) are the tangents that the fixed rule of the library gives for the normal or direction. Parametrised at the centroid because a
+/// tilt about a far point shifts the plane as well.
+pub(super) fn perturbed(scorer: &Scorer, element: &SymmetryElement, d: &[f64]) -> SymmetryElement {
+    match element {
+        SymmetryElement::Reflection(plane) => {
+            let foot = scorer.centroid - plane.normal.into_inner() * (plane.signed_distance(&scorer.centroid) - d[2]);
+            let normal = tilted(&plane.normal, d[0], d[1]);
+            SymmetryElement::Reflection(Plane { normal, offset: normal.dot(&foot.coords) })
+        }
+        SymmetryElement::Axis { point, direction, order } => {
+            let (u, v) = tangents(direction);
+            let foot = point + direction.into_inner() * direction.dot(&(scorer.centroid - point));
+            let point = foot + u * d[2] + v * d[3];
+            SymmetryElement::Axis { point, direction: tilted(direction, d[0], d[1]), order: *order }
+        }
+        SymmetryElement::Sphere { center } => {
+            SymmetryElement::Sphere { center: center + nalgebra::Vector3::new(d[0], d[1], d[2]) }
+        }
+    }
+}
+
+/// Size of a step of each parameter for a step of one radian.
+fn units(scorer: &Scorer, element: &SymmetryElement) -> Vec<f64> {
+    let r = scorer.radius;
+    match element {
+        SymmetryElement::Reflection(_) => vec![1.0, 1.0, r],
+        SymmetryElement::Axis { .. } => vec![1.0, 1.0, r, r],
+        SymmetryElement::Sphere { .. } => vec![r; 3],
+    }
+}
+
+/// Climbs the score by a pattern search: a step up or down in each parameter, halved when none helps.
+pub(super) fn refine(scorer: &Scorer, start: &SymmetryElement) -> (SymmetryElement, Score) {
+    let params = scorer.params;
+    let coarse = climb(scorer, start, &Tolerances::coarse(params), params.search_samples, STEPS[0], STEPS[1]);
+    let fine = climb(scorer, &coarse, &Tolerances::fine(params), params.refine_samples, STEPS[1], STEPS[2]);
+    (fine, scorer.score(&fine, &Tolerances::fine(params), params.refine_samples))
+}
+
+fn climb(
+    scorer: &Scorer,
+    start: &SymmetryElement,
+    tolerances: &Tolerances,
+    votes: usize,
+    from: f64,
+    to: f64,
+) -> SymmetryElement {
+    let units = units(scorer, start);
+    let (mut best, mut value) = (*start, scorer.score(start, tolerances, votes).value());
+    let mut step = from;
+    while step > to {
+        let mut improved = false;
+        for (i, unit) in units.iter().enumerate() {
+            for sign in [1.0, -1.0] {
+                let mut d = [0.0; 4];
+                d[i] = sign * step * unit;
+                let candidate = perturbed(scorer, &best, &d);
+                let score = scorer.score(&candidate, tolerances, votes).value();
+                if score > value + 1e-9 {
+                    (best, value, improved) = (candidate, score, true);
+                    break;
+                }
+            }
+        }
+        if !improved {
+            step *= 0.5;
+        }
+    }
+    best
+}
+
+/// Covariance of the parameters of [`perturbed`] from the residuals' curvature; `None` where they leave a parameter undetermined.
+pub(super) fn covariance(scorer: &Scorer, element: &SymmetryElement) -> Option<DMatrix<f64>> {
+    let (params, n) = (scorer.params, degrees_of_freedom(element));
+    let tolerances = Tolerances::fine(params);
+    let at = |d: &[f64]| scorer.residuals(&perturbed(scorer, element, d), &tolerances, params.refine_samples);
+    let middle = at(&[0.0; 4]);
+    let scale = units(scorer, element);
+    let columns: Vec<_> = (0..n)
+        .map(|i| {
+            let mut d = [0.0; 4];
+            let h = 1e-3 * scale[i];
+            d[i] = h;
+            let plus = at(&d);
+            d[i] = -h;
+            (h, plus, at(&d))
+        })
+        .collect();
+    let (mut information, mut squares, mut count) = (DMatrix::zeros(n, n), 0.0, 0.0_f64);
+    for (k, residual) in middle.iter().enumerate() {
+        let Some(residual) = residual else { continue };
+        let slope = |c: &(f64, Vec<Option<f64>>, Vec<Option<f64>>)| Some((c.1[k]? - c.2[k]?) / (2.0 * c.0));
+        let Some(row) = columns.iter().map(slope).collect::<Option<Vec<f64>>>() else { continue };
+        let row = DVector::from_vec(row);
+        information += &row * row.transpose();
+        squares += residual * residual;
+        count += 1.0;
+    }
+    let variance = (squares / count.max(1.0)).max(RESIDUAL_FLOOR * RESIDUAL_FLOOR);
+    information.try_inverse().map(|inverse| inverse * (variance * CORRELATED_VOTES))
+}

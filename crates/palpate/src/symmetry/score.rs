@@ -1,0 +1,257 @@
+use super::element::{Motion, SymmetryElement};
+use super::params::SymmetryParams;
+use crate::evidence::{Evidence, Sample};
+use crate::geometry::{Point, Vector};
+use nalgebra::{Rotation3, Unit};
+use rand::SeedableRng as _;
+use rand::seq::SliceRandom as _;
+use rand_pcg::Pcg64Mcg;
+
+/// How the moved evidence fits the evidence; means over samples, each 0–1.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Score {
+    /// Share that lands on a measured surface with an agreeing normal.
+    pub support: f64,
+    /// The part of `support` that comes from elsewhere: a sample that maps near itself proves nothing.
+    pub informative: f64,
+    /// Depth inside proven free space, beyond the tolerance, capped.
+    pub violation: f64,
+    /// Beside a measured surface that faces the same way, but not on it.
+    pub contradiction: f64,
+    /// Share that lands where nothing is known: what the hypothesis would add.
+    pub neutral: f64,
+}
+
+impl Score {
+    /// The objective of search and refinement.
+    pub fn value(&self) -> f64 {
+        self.informative - 1.5 * self.violation - 0.5 * self.contradiction
+    }
+
+    /// All that speaks against the hypothesis.
+    pub fn opposition(&self) -> f64 {
+        self.violation + self.contradiction
+    }
+
+    fn mean(sum: &Self, count: f64) -> Self {
+        let n = count.max(1.0);
+        Self {
+            support: sum.support / n,
+            informative: sum.informative / n,
+            violation: sum.violation / n,
+            contradiction: sum.contradiction / n,
+            neutral: sum.neutral / n,
+        }
+    }
+}
+
+/// Distances at which a moved sample supports, contradicts or violates.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Tolerances {
+    violation: f64,
+    violation_range: f64,
+    support: f64,
+}
+
+impl Tolerances {
+    /// For the search: a candidate some degrees off must still be seen.
+    pub(super) fn coarse(params: &SymmetryParams) -> Self {
+        Self {
+            violation: params.violation_tolerance + 0.0035,
+            violation_range: 1.5 * params.violation_range,
+            support: 3.0 * params.support_tolerance,
+        }
+    }
+
+    pub(super) fn fine(params: &SymmetryParams) -> Self {
+        Self {
+            violation: params.violation_tolerance,
+            violation_range: params.violation_range,
+            support: params.support_tolerance,
+        }
+    }
+}
+
+/// Farther along the tangent plane than this, metres, a sample says nothing of the query.
+const TANGENTIAL: f64 = 0.004;
+/// Farther along the normal than this, metres, it is another surface.
+const SAME_SURFACE: f64 = 0.012;
+/// Contradiction is complete this far past the support tolerance, metres.
+const CONTRADICTION_RANGE: f64 = 0.0045;
+/// Cosine from which normals agree, and the range over which agreement becomes full.
+const AGREEMENT: f64 = 0.5;
+const AGREEMENT_RANGE: f64 = 0.35;
+/// Depth by which a point behind untouched gel violates, metres: the layer is thin, the claim is exact.
+const PAD_DEPTH: f64 = 0.004;
+/// Edge of the cell in which one sample per direction votes, metres: touch patches are dense and must not dominate.
+const VOTE_CELL: f64 = 0.004;
+/// Length of the table of rotations for axes and spheres.
+const TURNS: usize = 64;
+
+/// Scores hypotheses against the evidence.
+pub(super) struct Scorer<'a> {
+    pub(super) evidence: &'a Evidence,
+    pub(super) params: &'a SymmetryParams,
+    /// The voting samples in a seeded random order: any prefix is a fair subsample.
+    pub(super) votes: Vec<Sample>,
+    pub(super) centroid: Point,
+    /// Half the diagonal of the samples' box, metres.
+    pub(super) radius: f64,
+    turns: Vec<(f64, f64)>,
+    spins: Vec<Rotation3<f64>>,
+}
+
+impl<'a> Scorer<'a> {
+    pub(super) fn new(evidence: &'a Evidence, params: &'a SymmetryParams) -> Self {
+        let mut votes = voters(&evidence.samples);
+        votes.shuffle(&mut Pcg64Mcg::seed_from_u64(params.seed));
+        let sum: Vector = votes.iter().map(|s| s.position.coords).sum();
+        let centroid = Point::from(sum / votes.len().max(1) as f64);
+        let radius = crate::geometry::Aabb::of(votes.iter().map(|s| &s.position)).map_or(0.0, |b| 0.5 * b.diagonal());
+        let golden = 0.618_033_988_749_895;
+        // Rotations of 20° to 340° in an order whose every stretch is spread evenly.
+        let turn = |k: usize| ((k as f64 * golden).fract() * 320.0 + 20.0).to_radians();
+        let turns = (0..TURNS).map(|k| turn(k).sin_cos()).collect();
+        let axis = |k: usize| {
+            let (z, a) = (1.0 - (2 * k + 1) as f64 / TURNS as f64, k as f64 * golden * std::f64::consts::TAU);
+            let r = (1.0 - z * z).sqrt();
+            Unit::new_normalize(Vector::new(r * a.cos(), r * a.sin(), z))
+        };
+        // The angle's sequence must not run in step with the axis'.
+        let spins = (0..TURNS).map(|k| Rotation3::from_axis_angle(&axis(k * 37 % TURNS), turn(k))).collect();
+        Self { evidence, params, votes, centroid, radius, turns, spins }
+    }
+
+    /// Scores an element on the first `count` votes.
+    pub(super) fn score(&self, element: &SymmetryElement, tolerances: &Tolerances, count: usize) -> Score {
+        self.score_unless_bad(element, tolerances, count, f64::NEG_INFINITY).unwrap_or_default()
+    }
+
+    /// The same, but gives up (`None`) once a part of the votes scores below `floor`.
+    pub(super) fn score_unless_bad(
+        &self,
+        element: &SymmetryElement,
+        tolerances: &Tolerances,
+        count: usize,
+        floor: f64,
+    ) -> Option<Score> {
+        match element {
+            SymmetryElement::Reflection(plane) => self.mean(tolerances, count, floor, |_, s| {
+                (plane.reflect_point(&s.position), plane.reflect_vector(&s.normal))
+            }),
+            SymmetryElement::Axis { point, direction, order } => self.mean(tolerances, count, floor, |k, s| {
+                let (sin, cos) = match order {
+                    None => self.turns[k % TURNS],
+                    Some(n) => {
+                        let turn = 1 + k as u32 % n.saturating_sub(1).max(1);
+                        (std::f64::consts::TAU * f64::from(turn) / f64::from((*n).max(2))).sin_cos()
+                    }
+                };
+                let rotate =
+                    |v: Vector| v * cos + direction.cross(&v) * sin + **direction * (direction.dot(&v) * (1.0 - cos));
+                (point + rotate(s.position - point), rotate(s.normal))
+            }),
+            SymmetryElement::Sphere { center } => self.mean(tolerances, count, floor, |k, s| {
+                let spin = &self.spins[k % TURNS];
+                (center + spin * (s.position - center), spin * s.normal)
+            }),
+        }
+    }
+
+    /// Scores any motion on the first `count` votes.
+    pub(super) fn score_motion(&self, motion: &Motion, tolerances: &Tolerances, count: usize) -> Score {
+        let moved = |_: usize, s: &Sample| (motion.point(&s.position), motion.vector(&s.normal));
+        self.mean(tolerances, count, f64::NEG_INFINITY, moved).unwrap_or_default()
+    }
+
+    #[inline]
+    fn mean(
+        &self,
+        tolerances: &Tolerances,
+        count: usize,
+        floor: f64,
+        moved: impl Fn(usize, &Sample) -> (Point, Vector),
+    ) -> Option<Score> {
+        let mut sum = Score::default();
+        let count = count.min(self.votes.len());
+        for (k, s) in self.votes[..count].iter().enumerate() {
+            let (p, n) = moved(k, s);
+            self.vote(&mut sum, tolerances, &s.position, &p, &n);
+            if k % 32 == 31 && Score::mean(&sum, (k + 1) as f64).value() < floor {
+                return None;
+            }
+        }
+        Some(Score::mean(&sum, count as f64))
+    }
+
+    /// Adds the vote of one sample that moved from `before` to `p` with normal `n`.
+    #[inline]
+    fn vote(&self, sum: &mut Score, t: &Tolerances, before: &Point, p: &Point, n: &Vector) {
+        let mut depth = self.evidence.free_space.clearance(p);
+        if depth < PAD_DEPTH && self.evidence.free_space.pad_clearance(p) > 0.0 {
+            depth = PAD_DEPTH;
+        }
+        let violation = ((depth - t.violation) / t.violation_range).clamp(0.0, 1.0);
+        sum.violation += violation;
+        let found = self.evidence.index.nearest_agreeing(&self.evidence.samples, p, n, AGREEMENT);
+        let Some(m) = found.filter(|m| m.tangential < TANGENTIAL && m.plane_offset < SAME_SURFACE.max(t.support))
+        else {
+            sum.neutral += f64::from(violation == 0.0);
+            return;
+        };
+        if m.plane_offset < t.support {
+            let agreement = ((m.agreement - AGREEMENT) / AGREEMENT_RANGE).min(1.0);
+            let support = (1.0 - (m.plane_offset / t.support).powi(2)) * agreement;
+            let moved = (p - before).norm_squared() / self.params.informative_distance.powi(2);
+            sum.support += support;
+            sum.informative += support * moved.min(1.0);
+        } else {
+            sum.contradiction += ((m.plane_offset - t.support) / CONTRADICTION_RANGE).min(1.0);
+        }
+    }
+
+    /// Signed distances of the moved votes from the measured surface they support, in order: what refinement makes small.
+    pub(super) fn residuals(
+        &self,
+        element: &SymmetryElement,
+        tolerances: &Tolerances,
+        count: usize,
+    ) -> Vec<Option<f64>> {
+        let motion = |k: usize| match element {
+            SymmetryElement::Reflection(plane) => Motion::reflection(plane),
+            SymmetryElement::Axis { point, direction, .. } => {
+                let (sin, cos) = self.turns[k % TURNS];
+                Motion::rotation(point, direction, sin.atan2(cos))
+            }
+            SymmetryElement::Sphere { center } => {
+                let linear = self.spins[k % TURNS].into_inner();
+                Motion { linear, translation: center.coords - linear * center.coords }
+            }
+        };
+        let (evidence, count) = (self.evidence, count.min(self.votes.len()));
+        let residual = |(k, s): (usize, &Sample)| {
+            let motion = motion(k);
+            let (p, n) = (motion.point(&s.position), motion.vector(&s.normal));
+            let m = evidence.index.nearest_agreeing(&evidence.samples, &p, &n, AGREEMENT)?;
+            let q = &evidence.samples[m.sample];
+            (m.tangential < TANGENTIAL && m.plane_offset < tolerances.support).then(|| (p - q.position).dot(&q.normal))
+        };
+        self.votes[..count].iter().enumerate().map(residual).collect()
+    }
+}
+
+/// The first sample of each cell and rounded normal, in order.
+fn voters(samples: &[Sample]) -> Vec<Sample> {
+    let mut keyed: Vec<([i32; 6], usize)> = samples
+        .iter()
+        .enumerate()
+        .map(|(i, s)| {
+            let cell = |a: usize| (s.position[a] / VOTE_CELL).floor() as i32;
+            let side = |a: usize| s.normal[a].round() as i32;
+            ([cell(0), cell(1), cell(2), side(0), side(1), side(2)], i)
+        })
+        .collect();
+    keyed.sort_unstable();
+    keyed.dedup_by_key(|k| k.0);
+    keyed.into_iter().map(|(_, i)| samples[i]).collect()
+}
