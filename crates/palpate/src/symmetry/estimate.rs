@@ -195,7 +195,7 @@ fn across(view: &Vector) -> Unit<Vector> {
 mod tests {
     use super::*;
     use crate::evidence::EvidenceParams;
-    use crate::evidence::testing::{Solid, touch, view};
+    use crate::evidence::testing::{Solid, view};
     use crate::tactile::Patch;
 
     fn evidence(solids: &[Solid], patches: &[Patch]) -> Evidence {
@@ -271,25 +271,6 @@ mod tests {
         let upright: Vec<_> = symmetry.planes().filter(|p| p.normal.z.abs() < 0.3).collect();
         assert!(upright.is_empty(), "accepted {upright:?}");
         assert!(!symmetry.rejected.is_empty() && symmetry.rejected.iter().all(|h| h.rejection.is_some()));
-    }
-
-    #[test]
-    fn a_touch_on_the_hidden_side_rejects_a_plane_that_it_contradicts() {
-        // From the front this is a box; a step as wide as it is hides behind it.
-        let (center, half, yaw) = (Point::new(0.0, 0.0, 0.03), Vector::new(0.02, 0.04, 0.03), 20.0_f64.to_radians());
-        let (front, side) = (Vector::new(yaw.cos(), yaw.sin(), 0.0), Vector::new(-yaw.sin(), yaw.cos(), 0.0));
-        let step = Point::from(Vector::z() * 0.014 - front * 0.034);
-        let solids = [Solid::Box(center, half, yaw), Solid::Box(step, Vector::new(0.014, 0.036, 0.014), yaw)];
-        let across = |s: &Symmetry| s.planes().any(|p| p.normal.dot(&front).abs() > 0.95);
-        assert!(across(&estimate(&solids, &[])), "nothing seen speaks against the plane between front and back");
-        let touches: Vec<Patch> = [-0.025, -0.01, 0.01, 0.025]
-            .iter()
-            .flat_map(|&y| {
-                let to = step + side * y;
-                [touch(&solids, to - front * 0.1, to), touch(&solids, to + Vector::z() * 0.1, to)]
-            })
-            .collect();
-        assert!(!across(&estimate(&solids, &touches)), "the touched step has no mate on the seen front");
     }
 
     #[test]
