@@ -1,3 +1,4 @@
 //! One integration binary: linking is what costs.
 
 mod layering;
+mod metrics;

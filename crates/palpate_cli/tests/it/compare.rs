@@ -11,7 +11,8 @@ fn palpate() -> Command {
 /// A tetrahedron of 60 mm, moved along x.
 fn write_tetrahedron(path: &Path, along_x: f64) {
     let vertices = [[0., 0., 0.], [0.06, 0., 0.], [0., 0.06, 0.], [0., 0., 0.06]].map(Point::from).to_vec();
-    let mesh = TriangleMesh::new(vertices, vec![[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]]).expect("indices are valid");
+    let mesh =
+        TriangleMesh::new(vertices, vec![[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]]).expect("indices are valid");
     let moved = mesh.transformed(&Isometry::translation(along_x, 0.0, 0.0));
     palpate::io::write_mesh(path, &moved).expect("written");
 }
@@ -53,7 +54,8 @@ fn what_is_wrong_is_named() {
     assert_eq!(run(&[&a]).0, Some(2));
     let empty = folder.path().join("empty");
     std::fs::create_dir(&empty).expect("made");
-    let output = palpate().args(["benchmark", "shape"]).arg(&empty).arg("--output").arg(folder.path().join("out")).output();
+    let output =
+        palpate().args(["benchmark", "shape"]).arg(&empty).arg("--output").arg(folder.path().join("out")).output();
     let output = output.expect("runs");
     let message = String::from_utf8_lossy(&output.stderr);
     assert!(output.status.code() == Some(1) && message.contains("neither scene folders"), "{message}");

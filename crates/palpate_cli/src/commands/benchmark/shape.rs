@@ -12,10 +12,10 @@ use palpate::io::read_mesh;
 use palpate::metrics::{CompareParams, TruthReference, Viewpoint};
 use palpate::scene::Scene;
 use palpate::simulate::{SimulateParams, simulate_scene};
-use rayon::prelude::*;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::PathBuf;
 use std::sync::Mutex;
+use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Instant;
 
 #[derive(clap::Args)]
@@ -133,9 +133,7 @@ fn run_with(mut args: Args, reconstruct: &Reconstructor) -> anyhow::Result<Outco
         .collect();
     let bar = progress(work.iter().map(|(_, keys)| keys.len()).sum());
     let results = Mutex::new(results);
-    work.par_iter()
-        .with_max_len(1)
-        .try_for_each(|(case, keys)| run_case(case, keys, &args, reconstruct, &results, &bar))?;
+    on_all_threads(&work, |(case, keys)| run_case(case, keys, &args, reconstruct, &results, &bar))?;
     bar.finish_and_clear();
 
     let rows = results.into_inner().expect("no thread panicked while it held the results").finish()?;
@@ -148,6 +146,24 @@ fn run_with(mut args: Args, reconstruct: &Reconstructor) -> anyhow::Result<Outco
         return Ok(Outcome::Degraded);
     }
     Ok(Outcome::Done)
+}
+
+/// Works through a list on as many threads as the pool has, and stops at the first error.
+///
+/// Threads of their own, not the pool's: a pool thread that waits within a reconstruction would begin another scene, and the
+/// time of that would count as the first one's.
+fn on_all_threads<T: Sync>(work: &[T], run: impl Fn(&T) -> anyhow::Result<()> + Sync) -> anyhow::Result<()> {
+    let next = AtomicUsize::new(0);
+    let worker = || -> anyhow::Result<()> {
+        while let Some(item) = work.get(next.fetch_add(1, Ordering::Relaxed)) {
+            run(item).inspect_err(|_| next.store(work.len(), Ordering::Relaxed))?;
+        }
+        Ok(())
+    };
+    std::thread::scope(|scope| {
+        let threads: Vec<_> = (0..rayon::current_num_threads()).map(|_| scope.spawn(worker)).collect();
+        threads.into_iter().try_for_each(|thread| thread.join().expect("panics of a run are caught in the run"))
+    })
 }
 
 /// The runs of one case that are asked for, methods within touch counts.
@@ -272,7 +288,6 @@ fn progress(runs: usize) -> ProgressBar {
 mod tests {
     use super::*;
     use palpate::geometry::{Isometry, Point};
-    use std::sync::atomic::{AtomicUsize, Ordering};
 
     fn args(dataset: &std::path::Path, output: &std::path::Path) -> Args {
         Args {
