@@ -1,4 +1,4 @@
 //! What only a process shows: exit status, messages, files.
 
-mod render;
 mod compare;
+mod render;
