@@ -35,6 +35,14 @@ pub enum SurfaceError {
         /// Points in the cloud.
         needed: usize,
     },
+    /// A weight is negative, NaN or infinite.
+    #[error("the weight of point {index} is {weight}; a finite number of at least 0 is required")]
+    InvalidWeight {
+        /// Index of the first such point.
+        index: usize,
+        /// The weight found.
+        weight: f64,
+    },
     /// The points do not span a volume.
     #[error("the points span no volume: extent {extent:e} m across their flattest direction")]
     Degenerate {

@@ -5,6 +5,7 @@ mod error;
 mod hole_filling;
 mod implicit;
 mod isosurface;
+mod poisson;
 
 pub use ball_pivoting::{BallPivotingParams, ball_pivoting};
 pub use error::SurfaceError;
@@ -13,3 +14,4 @@ pub use implicit::{
     FreeBound, ImplicitField, ImplicitParams, ImplicitProblem, PriorParams, WeightedSample, solve_implicit,
 };
 pub use isosurface::{LATTICE_LIMIT, crossing_cells, extract_isosurface};
+pub use poisson::{PoissonParams, PoissonSurface, screened_poisson};

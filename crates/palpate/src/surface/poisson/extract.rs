@@ -1,0 +1,106 @@
+//! The isosurface of the solution on the finest lattice, near the samples.
+
+use super::basis::hats;
+use super::octree::{Cell, Samples, locate};
+use super::system::{Level, Weighted};
+use crate::geometry::{Point, TriangleMesh, Vector};
+use crate::surface::isosurface::{crossing_cells, extract_isosurface};
+use rayon::prelude::*;
+
+/// The solved function: piecewise trilinear, given at the nodes of every depth.
+pub(super) struct Field {
+    /// From coarse to fine.
+    levels: Vec<Level>,
+}
+
+impl Field {
+    pub(super) fn new(levels: Vec<Level>) -> Self {
+        Self { levels }
+    }
+
+    fn depth(&self) -> u32 {
+        self.levels.last().map_or(0, |l| l.depth)
+    }
+
+    /// The function at a place of the unit cube.
+    ///
+    /// On a cell whose eight corners are nodes of its depth, all finer contributions vanish or are included in deeper cells, and the function is their
+    /// trilinear interpolation; so the deepest such cell answers.
+    pub(super) fn at(&self, place: [f64; 3]) -> f64 {
+        for level in self.levels.iter().rev() {
+            let (cell, inside) = locate(place, level.depth);
+            if let Some(corners) = level.lattice.corners(cell) {
+                return hats(inside).iter().zip(corners).map(|(b, c)| b * level.values[c]).sum();
+            }
+        }
+        0.0
+    }
+
+    /// The function at a node of the finest lattice.
+    fn at_node(&self, node: Cell) -> f64 {
+        let Some(finest) = self.levels.last() else { return 0.0 };
+        match finest.lattice.find(node) {
+            Some(i) => finest.values[i],
+            None => {
+                let n = f64::from(1_u32 << finest.depth);
+                self.at(node.map(|c| f64::from(c) / n))
+            }
+        }
+    }
+
+    /// Mean of the function over the samples, each weighing its area: where the surface is.
+    pub(super) fn isovalue(&self, input: &Weighted) -> f64 {
+        let at: Vec<f64> = input.samples.position.par_iter().map(|&p| self.at(p)).collect();
+        let (mut sum, mut total) = (0.0, 0.0);
+        for (value, area) in at.iter().zip(&input.area) {
+            sum += value * area;
+            total += area;
+        }
+        sum / total
+    }
+
+    /// The closed surface at the isovalue, of the components that pass near a sample. The domain's border counts as outside.
+    pub(super) fn extract(&self, samples: &Samples, isovalue: f64, origin: Point, edge: f64) -> TriangleMesh {
+        let size = 1_i32 << self.depth();
+        let value = |c: [i32; 3]| {
+            if c.iter().any(|&i| i <= 0 || i >= size) { 1.0 } else { isovalue - self.at_node(c.map(|i| i as u16)) }
+        };
+        let step = edge / f64::from(size);
+        let position = |c: [i32; 3]| origin + Vector::new(c[0].into(), c[1].into(), c[2].into()) * step;
+        let cells = crossing_cells(&self.seeds(samples, isovalue), size, value);
+        extract_isosurface(&cells, value, position)
+    }
+
+    /// Cells of the finest lattice that the surface enters: from each sample along its normal, out if it is inside and in if it is outside.
+    fn seeds(&self, samples: &Samples, isovalue: f64) -> Vec<[i32; 3]> {
+        let depth = self.depth();
+        let inside = |p: [f64; 3]| self.at(p) > isovalue;
+        let n = f64::from(1_u32 << depth);
+        let walk = |(_, range): &(Cell, std::ops::Range<usize>)| {
+            let (start, normal) = (samples.position[range.start], samples.normal[range.start]);
+            let start_inside = inside(start);
+            let step = normal * (if start_inside { 0.5 } else { -0.5 } / n);
+            let place = |k: i32| -> [f64; 3] { std::array::from_fn(|a| start[a] + f64::from(k) * step[a]) };
+            let reached = (1..=16).find(|&k| inside(place(k)) != start_inside)?;
+            Some([place(reached - 1), place(reached)].map(|p| locate(p, depth).0.map(i32::from)))
+        };
+        let mut seeds: Vec<[i32; 3]> = samples.cells(depth).par_iter().filter_map(walk).collect::<Vec<_>>().concat();
+        seeds.extend(self.between_extremes(samples));
+        seeds
+    }
+
+    /// Cells along the line from the sample with the lowest value to the one with the highest: the isovalue lies between, so the surface is met.
+    fn between_extremes(&self, samples: &Samples) -> Vec<[i32; 3]> {
+        let values: Vec<f64> = samples.position.par_iter().map(|&p| self.at(p)).collect();
+        let by_value = |&a: &usize, &b: &usize| values[a].total_cmp(&values[b]);
+        let (Some(low), Some(high)) = ((0..values.len()).min_by(by_value), (0..values.len()).max_by(by_value)) else {
+            return Vec::new();
+        };
+        let steps = 4 << self.depth();
+        let place = |k: u32, axis: usize| {
+            let t = f64::from(k) / f64::from(steps);
+            samples.position[low][axis] * (1.0 - t) + samples.position[high][axis] * t
+        };
+        (0..=steps).map(|k| locate([place(k, 0), place(k, 1), place(k, 2)], self.depth()).0.map(i32::from)).collect()
+    }
+}
