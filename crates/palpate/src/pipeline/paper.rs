@@ -140,7 +140,9 @@ pub fn reconstruct_paper(
     let (mirrored, removed) = (guessed.filtered(|i| !marked[i]), guessed.filtered(|i| marked[i]));
     // Concatenate and mesh.
     let mut felt = PointCloud { normals: Some(Vec::new()), ..PointCloud::default() };
-    felt_each.iter().for_each(|c| felt.append(c));
+    for cloud in &felt_each {
+        felt.append(cloud);
+    }
     let mut joined = PointCloud { colors: None, ..seen.clone() };
     joined.append(&mirrored);
     joined.append(&felt);

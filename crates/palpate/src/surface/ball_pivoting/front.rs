@@ -36,7 +36,7 @@ impl Front {
     /// Whether the face keeps the mesh edge-manifold, oriented and off surrounded vertices.
     pub(super) fn accepts(&self, face: [u32; 3]) -> bool {
         let [a, b, c] = face;
-        !(self.has(a, b) || self.has(b, c) || self.has(c, a)) && !face.iter().any(|&v| self.is_inner(v))
+        !(self.has(a, b) || self.has(b, c) || self.has(c, a) || face.iter().any(|&v| self.is_inner(v)))
     }
 
     /// Adds a face that [`Self::accepts`] allows; returns its index.

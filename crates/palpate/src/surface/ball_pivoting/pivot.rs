@@ -36,17 +36,14 @@ pub fn ball_pivoting(cloud: &PointCloud, params: &BallPivotingParams) -> Result<
         return Err(SurfaceError::TooFewPoints { found: kept.len(), needed: 3 });
     }
     let positions = |kept: &[usize]| kept.iter().map(|&i| cloud.points[i]).collect::<Vec<_>>();
-    let radii = match &params.radii {
-        Some(radii) => {
-            let mut radii = radii.clone();
-            radii.sort_unstable_by(f64::total_cmp);
-            radii.dedup();
-            radii
-        }
-        None => {
-            let spacing = median_spacing(&positions(&kept));
-            DEFAULT_RADII.iter().map(|k| k * spacing).collect()
-        }
+    let radii = if let Some(radii) = &params.radii {
+        let mut radii = radii.clone();
+        radii.sort_unstable_by(f64::total_cmp);
+        radii.dedup();
+        radii
+    } else {
+        let spacing = median_spacing(&positions(&kept));
+        DEFAULT_RADII.iter().map(|k| k * spacing).collect()
     };
     let merge_distance = params.merge_distance.unwrap_or(MERGE_SHARE * radii[0]);
     kept = thinned(&positions(&kept), merge_distance).into_iter().map(|i| kept[i]).collect();
@@ -132,13 +129,14 @@ impl Ball<'_> {
         let side = axis.cross(&start);
         let mut best: Option<(f64, u32, Point)> = None;
         self.grid.within(&middle, 2.0 * self.radius, |x, _, _| {
-            if x != a && x != b && x != c {
-                if let Some(rest) = self.center([b, a, x]) {
-                    let turned = rest - middle;
-                    let angle = turned.dot(&side).atan2(turned.dot(&start)).rem_euclid(TAU);
-                    if best.is_none_or(|(least, y, _)| angle < least || (angle == least && x < y)) {
-                        best = Some((angle, x, rest));
-                    }
+            if x == a || x == b || x == c {
+                return true;
+            }
+            if let Some(rest) = self.center([b, a, x]) {
+                let turned = rest - middle;
+                let angle = turned.dot(&side).atan2(turned.dot(&start)).rem_euclid(TAU);
+                if best.is_none_or(|(least, y, _)| angle < least || (angle == least && x < y)) {
+                    best = Some((angle, x, rest));
                 }
             }
             true
