@@ -2,7 +2,7 @@ use super::BallPivotingParams;
 use super::front::Front;
 use super::grid::Grid;
 use super::prepare::{checked_normals, distinct, jittered, median_spacing, thinned};
-use crate::geometry::{Point, PointCloud, TriangleMesh, Vector, drop_small_pieces, split_fans};
+use crate::geometry::{KdTree, Point, PointCloud, TriangleMesh, Vector, drop_small_pieces, split_fans};
 use crate::surface::{SurfaceError, fill_holes};
 use std::collections::VecDeque;
 use std::f64::consts::TAU;
@@ -51,8 +51,12 @@ pub fn ball_pivoting(cloud: &PointCloud, params: &BallPivotingParams) -> Result<
     let points = jittered(&positions(&kept), radii[0]);
     let normals: Vec<Vector> = kept.iter().map(|&i| normals[i]).collect();
     let mut front = Front::new(kept.len());
+    let tree = KdTree::new(&points);
     for &radius in &radii {
-        Ball { radius, points: &points, normals: &normals, grid: Grid::new(&points, 2.0 * radius) }.roll(&mut front);
+        // Surrounded points can only be in a ball's way, and for that the tree is asked.
+        let active: Vec<u32> = (0..points.len() as u32).filter(|&v| !front.is_inner(v)).collect();
+        let grid = Grid::new(&active.iter().map(|&v| points[v as usize]).collect::<Vec<_>>(), 2.0 * radius);
+        Ball { radius, points: &points, normals: &normals, tree: &tree, active, grid }.roll(&mut front);
     }
     if front.faces.is_empty() {
         let reason = format!("no ball of radius {radii:?} m rests on three of them");
@@ -73,6 +77,10 @@ struct Ball<'a> {
     radius: f64,
     points: &'a [Point],
     normals: &'a [Vector],
+    tree: &'a KdTree,
+    /// Points that were not surrounded by faces when this radius started.
+    active: Vec<u32>,
+    /// Finds members of `active`.
     grid: Grid,
 }
 
@@ -85,7 +93,7 @@ impl Ball<'_> {
             if front.open_sides(face).next().is_none() {
                 continue;
             }
-            if let Some(center) = self.center(corners).filter(|c| self.is_empty(c, corners)) {
+            if let Some(center) = self.center(corners).filter(|c| self.is_empty(c)) {
                 front.centers[face] = center;
                 queue.extend(front.open_sides(face).map(|k| (face, k)));
             }
@@ -128,7 +136,8 @@ impl Ball<'_> {
         let start = center - middle;
         let side = axis.cross(&start);
         let mut best: Option<(f64, u32, Point)> = None;
-        self.grid.within(&middle, 2.0 * self.radius, |x, _, _| {
+        self.grid.within(&middle, 2.0 * self.radius, |found, _, _| {
+            let x = self.active[found as usize];
             if x == a || x == b || x == c {
                 return true;
             }
@@ -144,23 +153,17 @@ impl Ball<'_> {
         let (_, x, rest) = best?;
         let corners = [b, a, x];
         let agrees = self.face_normal(corners).dot(&self.normals[x as usize]) > 0.0;
-        (agrees && self.is_empty(&rest, corners)).then_some((x, rest))
+        (agrees && self.is_empty(&rest)).then_some((x, rest))
     }
 
     /// A face at an orphan that an empty ball touches from outside, tried from near neighbours to far ones.
     fn seed(&self, front: &Front, v: u32) -> Option<([u32; 3], Point)> {
-        let mut near = Vec::new();
-        self.grid.within(&self.points[v as usize], 2.0 * self.radius, |j, _, distance| {
-            if j != v && !front.is_inner(j) {
-                near.push((distance, j));
-            }
-            true
-        });
-        near.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
-        near.truncate(SEED_NEIGHBORS);
+        let mut near = self.tree.nearest_n(&self.points[v as usize], SEED_NEIGHBORS + 1);
+        near.retain(|&(j, distance)| j as u32 != v && distance < 2.0 * self.radius && !front.is_inner(j as u32));
+        let near: Vec<u32> = near.into_iter().map(|n| n.0 as u32).collect();
         for far in 1..near.len() {
             for close in 0..far {
-                let mut corners = [v, near[close].1, near[far].1];
+                let mut corners = [v, near[close], near[far]];
                 if self.face_normal(corners).dot(&self.normals[v as usize]) < 0.0 {
                     corners.swap(1, 2);
                 }
@@ -169,9 +172,9 @@ impl Ball<'_> {
                     continue;
                 }
                 let Some(center) = self.center(corners) else { continue };
-                // Most candidates fail on a near point: look there before asking the grid.
-                let blocked = near.iter().any(|n| !corners.contains(&n.1) && self.is_inside(&center, n.1));
-                if !blocked && self.is_empty(&center, corners) {
+                // Most candidates fail on a near point: look there before asking the tree.
+                let blocked = near.iter().any(|n| !corners.contains(n) && self.is_inside(&center, *n));
+                if !blocked && self.is_empty(&center) {
                     return Some((corners, center));
                 }
             }
@@ -202,13 +205,9 @@ impl Ball<'_> {
         (self.points[v as usize] - center).norm_squared() < reach * reach
     }
 
-    fn is_empty(&self, center: &Point, corners: [u32; 3]) -> bool {
-        let mut empty = true;
-        self.grid.within(center, self.radius * (1.0 - 1e-9), |i, _, _| {
-            empty = corners.contains(&i);
-            empty
-        });
-        empty
+    /// The corners themselves lie on the ball, not in it.
+    fn is_empty(&self, center: &Point) -> bool {
+        self.tree.nearest(center).is_none_or(|(_, distance)| distance >= self.radius * (1.0 - 1e-9))
     }
 }
 
