@@ -40,7 +40,7 @@ pub(super) struct Fragments {
 /// Rows drawn by one task. Fixed, so that the work is the same for any number of threads.
 const BAND: usize = 24;
 /// Vertex normals farther than this from their face's are an edge: the face stays flat there (cosine).
-const CREASE: f64 = 0.75;
+const CREASE: f64 = 0.88;
 
 /// An item in the camera frame.
 struct Placed<'a> {

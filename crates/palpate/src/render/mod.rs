@@ -10,6 +10,6 @@ mod shade;
 mod view;
 
 pub use item::{Item, Paint, Shape, palette};
-pub use panels::{Panel, render_panels};
+pub use panels::{Fit, Panel, render_panels};
 pub use shade::render_scene;
 pub use view::{Look, View, Viewpoint};

@@ -1,7 +1,7 @@
 use super::Item;
 use crate::camera::PinholeCamera;
 use crate::geometry::{Aabb, Isometry, Point, Vector};
-use nalgebra::{Matrix3, Rotation3, UnitQuaternion};
+use nalgebra::{Matrix3, Rotation3, Unit, UnitQuaternion};
 
 /// From which side to look.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -35,6 +35,16 @@ pub struct View {
 impl Default for View {
     fn default() -> Self {
         Self { look: Look::Auto, up: Vector::z() }
+    }
+}
+
+impl View {
+    /// The direction of a real camera turned by 25° about the up direction: what it saw, and some of what it did not.
+    pub fn beside(world_from_camera: &Isometry, up: Vector) -> Self {
+        let axis = Unit::try_new(up, 0.0).unwrap_or_else(Vector::z_axis);
+        let turn = UnitQuaternion::from_axis_angle(&axis, 25_f64.to_radians());
+        let turned = Isometry::from_parts(world_from_camera.translation, turn * world_from_camera.rotation);
+        Self { look: Look::Along { world_from_camera: turned }, up }
     }
 }
 
@@ -263,6 +273,18 @@ mod tests {
         let points: Vec<&Point> = turned.iter().collect();
         let azimuth = broadest_azimuth(&points, &UnitQuaternion::identity());
         assert!((azimuth.abs() - std::f64::consts::FRAC_PI_2).abs() < 1e-9);
+    }
+
+    #[test]
+    fn a_view_beside_a_camera_is_25_degrees_from_it_at_the_same_height() {
+        let looks_down = Isometry::rotation(Vector::new(-2.2, 0.0, 0.0));
+        let View { look: Look::Along { world_from_camera: beside }, .. } = View::beside(&looks_down, Vector::z() * 3.0)
+        else {
+            panic!("a view along a pose was asked for");
+        };
+        let (a, b) = (looks_down * Vector::z(), beside * Vector::z());
+        assert!((a.z - b.z).abs() < 1e-12);
+        assert!((a.xy().angle(&b.xy()) - 25_f64.to_radians()).abs() < 1e-9);
     }
 
     #[test]

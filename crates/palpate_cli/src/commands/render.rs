@@ -1,8 +1,11 @@
 use crate::Outcome;
 use anyhow::{Context as _, bail};
-use palpate::geometry::{PointCloud, TriangleMesh, Vector};
+use palpate::camera::{SegmentParams, segment_object};
+use palpate::geometry::{Isometry, PointCloud, TriangleMesh, Vector};
 use palpate::io::{self, IoError};
-use palpate::render::{Item, Look, Paint, Panel, Shape, View, palette, render_panels};
+use palpate::render::{Fit, Item, Look, Paint, Panel, Shape, View, palette, render_panels};
+use palpate::scene::Scene;
+use palpate::tactile::{LiftParams, lift};
 use std::path::{Path, PathBuf};
 
 const EXAMPLES: &str = "\
@@ -12,7 +15,8 @@ Examples:
   palpate render parts/visible.ply parts/visible.ply+parts/moved.ply bottle.ply --output steps.png --caption seen,guessed,mesh
 
 Colours by provenance, from the file's name: visible*, seen* blue grey; moved*, mirrored*, guessed* orange; felt*, touch*
-green; removed* dark red; everything else light grey. Faces seen from behind are darker and reddish, so that holes show.";
+green; removed* dark red; everything else light grey. A scene shows the object's visible points and what its recorded
+touches felt. Faces seen from behind are darker and reddish, so that holes show.";
 
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
@@ -25,12 +29,15 @@ pub(crate) struct Args {
     #[arg(short, long, value_name = "PICTURE")]
     output: PathBuf,
     /// Side to look from: auto, front (from −y), side (from +x), top, camera (the first scene's), or AZIMUTH,ELEVATION in
-    /// degrees (0,0 = front; azimuth counter-clockwise from above).
+    /// degrees (0,0 = front; azimuth counter-clockwise from above). auto: beside a scene's camera, else the broadest side.
     #[arg(long, default_value = "auto", value_parser = parse_side, allow_hyphen_values = true)]
     view: Side,
     /// Pixels of one panel.
     #[arg(long, default_value = "480x480", value_parser = parse_size, value_name = "WIDTHxHEIGHT")]
     size: (usize, usize),
+    /// Whether all panels share one viewpoint.
+    #[arg(long, value_enum, default_value_t = FitBy::Auto)]
+    fit: FitBy,
     /// What the colour says.
     #[arg(long, value_enum, default_value_t = ColorBy::Provenance)]
     color_by: ColorBy,
@@ -40,9 +47,9 @@ pub(crate) struct Args {
     /// Write this below the panels instead, one text per panel.
     #[arg(long, value_delimiter = ',', value_name = "TEXT,…")]
     caption: Vec<String>,
-    /// Direction that is up in the picture, world frame.
-    #[arg(long, value_parser = parse_direction, default_value = "0,0,1", value_name = "X,Y,Z", allow_hyphen_values = true)]
-    up: Vector,
+    /// Direction that is up in the picture, world frame; by default that of the first scene, else z.
+    #[arg(long, value_parser = parse_direction, value_name = "X,Y,Z", allow_hyphen_values = true)]
+    up: Option<Vector>,
 }
 
 #[derive(Clone, Copy, PartialEq, clap::ValueEnum)]
@@ -55,6 +62,16 @@ enum ColorBy {
     Plain,
     /// The colours stored in the file
     Own,
+}
+
+#[derive(Clone, Copy, PartialEq, clap::ValueEnum)]
+enum FitBy {
+    /// Shared where the inputs lie together and have about one size
+    Auto,
+    /// One viewpoint for all: place and size can be compared
+    Shared,
+    /// Each panel filled by what it shows
+    Each,
 }
 
 #[derive(Clone, Copy)]
@@ -151,7 +168,50 @@ fn split_input(input: &str) -> Vec<&Path> {
     if Path::new(input).exists() { vec![Path::new(input)] } else { input.split('+').map(Path::new).collect() }
 }
 
-fn load(path: &Path) -> anyhow::Result<Vec<Part>> {
+/// What a scene says about where to look from.
+struct SceneView {
+    world_from_camera: Isometry,
+    up: Vector,
+}
+
+/// The visible points and the felt patches; without an object that stands out, every reading.
+fn load_scene(path: &Path) -> anyhow::Result<(Vec<Part>, SceneView)> {
+    let file = io::read_scene(path)?;
+    for warning in &file.warnings {
+        eprintln!("palpate: {warning}");
+    }
+    let Scene { frame, sensor, touches, .. } = &file.scene;
+    let mut support = frame.support;
+    let seen = match segment_object(frame, &SegmentParams::default()) {
+        Ok(visible) => {
+            support = visible.support;
+            visible.cloud(frame)
+        }
+        Err(error) => {
+            eprintln!("palpate: {}: {error}; every reading is drawn", path.display());
+            let points = frame.unproject();
+            let points = points.as_slice().iter().filter(|p| p.z.is_finite()).map(|p| frame.world_from_camera * p);
+            PointCloud { points: points.collect(), ..PointCloud::default() }
+        }
+    };
+    let mut parts = vec![Part { shape: Loaded::Cloud(seen), provenance: palette::SEEN }];
+    for (number, touch) in touches.iter().enumerate() {
+        let (Some(sensor), Some(contact)) = (sensor, &touch.contact) else { continue };
+        match lift(contact, sensor, &touch.world_from_sensor, &LiftParams::default()) {
+            Ok(patch) => {
+                let felt = PointCloud { points: patch.points, normals: Some(patch.normals), colors: None };
+                parts.push(Part { shape: Loaded::Cloud(felt), provenance: palette::FELT });
+            }
+            Err(error) => eprintln!("palpate: {}: touch {number} is not drawn: {error}", path.display()),
+        }
+    }
+    // A scene without poses is in the camera's frame, where up is against y.
+    let unposed = frame.world_from_camera == Isometry::identity();
+    let up = support.map_or(if unposed { -Vector::y() } else { Vector::z() }, |plane| plane.normal.into_inner());
+    Ok((parts, SceneView { world_from_camera: frame.world_from_camera, up }))
+}
+
+fn load_file(path: &Path) -> anyhow::Result<Vec<Part>> {
     let stem = path.file_stem().map(|s| s.to_string_lossy().to_ascii_lowercase()).unwrap_or_default();
     let provenance = provenance_of(&stem);
     let shape = match io::read_mesh(path) {
@@ -170,10 +230,17 @@ pub(crate) fn run(args: Args) -> anyhow::Result<Outcome> {
         bail!("{} captions for {} panels; one each is needed", args.caption.len(), args.inputs.len());
     }
     let mut loaded: Vec<Vec<Part>> = Vec::new();
+    let mut scene_view: Option<SceneView> = None;
     for input in &args.inputs {
         let mut parts = Vec::new();
         for path in split_input(input) {
-            parts.extend(load(path)?);
+            if path.is_dir() || path.extension().is_some_and(|e| e == "toml") {
+                let (more, view) = load_scene(path)?;
+                parts.extend(more);
+                scene_view.get_or_insert(view);
+            } else {
+                parts.extend(load_file(path)?);
+            }
         }
         loaded.push(parts);
     }
@@ -185,12 +252,22 @@ pub(crate) fn run(args: Args) -> anyhow::Result<Outcome> {
             caption: caption(&args, k),
         })
         .collect();
-    let look = match args.view {
-        Side::Auto => Look::Auto,
-        Side::Angles { azimuth, elevation } => Look::From { azimuth, elevation },
-        Side::Camera => bail!("--view camera needs a scene folder among the inputs"),
+    let up = args.up.or(scene_view.as_ref().map(|v| v.up)).unwrap_or_else(Vector::z);
+    let view = match (args.view, scene_view) {
+        (Side::Auto, None) => View { look: Look::Auto, up },
+        (Side::Auto, Some(scene)) => View::beside(&scene.world_from_camera, up),
+        (Side::Angles { azimuth, elevation }, _) => View { look: Look::From { azimuth, elevation }, up },
+        (Side::Camera, Some(SceneView { world_from_camera, .. })) => {
+            View { look: Look::Along { world_from_camera }, up }
+        }
+        (Side::Camera, None) => bail!("--view camera needs a scene folder among the inputs"),
     };
-    let picture = render_panels(&panels, &View { look, up: args.up }, args.size).context("there is nothing to draw")?;
+    let fit = match args.fit {
+        FitBy::Auto => Fit::Auto,
+        FitBy::Shared => Fit::Shared,
+        FitBy::Each => Fit::Each,
+    };
+    let picture = render_panels(&panels, &view, fit, args.size).context("there is nothing to draw")?;
     io::write_color(&args.output, &picture)?;
     Ok(Outcome::Done)
 }
