@@ -1,5 +1,8 @@
 //! What only a process shows: exit status, messages, files.
 
+mod bad_input;
 mod compare;
 mod render;
+mod scene_folder;
 mod surface;
+mod workshop;
