@@ -3,3 +3,6 @@
 mod layering;
 mod metrics;
 mod poisson;
+//! Integration tests: what holds across modules. One binary, one file per subject.
+
+mod touch;
