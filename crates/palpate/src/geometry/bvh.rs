@@ -1,12 +1,11 @@
 use super::{Point, TriangleMesh, Vector};
 use parry3d_f64::math::Vector as Glam;
-use parry3d_f64::query::{PointQueryWithLocation, Ray, RayCast};
-use parry3d_f64::shape::{FeatureId, TriMesh};
+use parry3d_f64::query::{PointQueryWithLocation, Ray};
+use parry3d_f64::shape::{CompositeShapeRef, TriMesh};
 
 /// Ray casting and closest-point queries on a triangle mesh. The only file that names the collision crate.
 pub struct Bvh {
     mesh: Option<TriMesh>,
-    faces: usize,
 }
 
 /// Where a ray first meets a mesh.
@@ -37,19 +36,14 @@ impl Bvh {
     /// Builds the hierarchy, O(n log n); an empty mesh is allowed and is never hit.
     pub fn new(mesh: &TriangleMesh) -> Self {
         let vertices = mesh.vertices.iter().map(|p| to_glam(&p.coords)).collect();
-        Self { mesh: TriMesh::new(vertices, mesh.faces.clone()).ok(), faces: mesh.faces.len() }
+        Self { mesh: TriMesh::new(vertices, mesh.faces.clone()).ok() }
     }
 
     /// First hit of the ray `origin + t · direction`, 0 ≤ t ≤ `max_distance`.
     pub fn cast_ray(&self, origin: &Point, direction: &Vector, max_distance: f64) -> Option<RayHit> {
         let ray = Ray::new(to_glam(&origin.coords), to_glam(direction));
-        let hit = self.mesh.as_ref()?.cast_local_ray_and_get_normal(&ray, max_distance, false)?;
-        let face = match hit.feature {
-            FeatureId::Face(f) => f as usize,
-            _ => return None,
-        };
-        // Back faces are numbered after the front ones.
-        Some(RayHit { distance: hit.time_of_impact, face: face % self.faces })
+        let (face, distance) = CompositeShapeRef(self.mesh.as_ref()?).cast_local_ray(&ray, max_distance, false)?;
+        Some(RayHit { distance, face: face as usize })
     }
 
     /// The surface point nearest to `p`; `None` only for an empty mesh.
@@ -59,5 +53,29 @@ impl Bvh {
         let q = projection.point;
         let point = Point::new(q.x, q.y, q.z);
         Some(SurfacePoint { point, distance: (point - p).norm(), face: face as usize })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_ray_names_the_face_it_hits_first_from_either_side() {
+        // Two parallel squares of two triangles each, one metre apart.
+        let p = |x: f64, y: f64, z: f64| Point::new(x, y, z);
+        let square = |z| [p(0.0, 0.0, z), p(1.0, 0.0, z), p(1.0, 1.0, z), p(0.0, 1.0, z)];
+        let vertices = [square(0.0), square(1.0)].concat();
+        let faces = vec![[0, 1, 2], [0, 2, 3], [4, 5, 6], [4, 6, 7]];
+        let bvh = Bvh::new(&TriangleMesh::new(vertices, faces).expect("indices"));
+        let cast = |x: f64, y: f64, z: f64, dz: f64| bvh.cast_ray(&p(x, y, z), &Vector::new(0.0, 0.0, dz), 10.0);
+        for (x, y, face) in [(0.7, 0.2, 0), (0.2, 0.7, 1)] {
+            let up = cast(x, y, -1.0, 2.0).expect("hit");
+            assert_eq!((up.face, up.distance), (face, 0.5));
+            let down = cast(x, y, 3.0, -1.0).expect("hit");
+            assert_eq!((down.face, down.distance), (face + 2, 2.0));
+        }
+        assert!(cast(1.5, 0.5, -1.0, 1.0).is_none());
+        assert!(cast(0.5, 0.2, -11.0, 1.0).is_none());
     }
 }
