@@ -133,8 +133,22 @@ fn row_major(shape: &[usize], values: &[f64]) -> Vec<f64> {
 /// As [`atomic_write`].
 pub fn write_npy(path: impl AsRef<Path>, shape: &[usize], values: &[f32]) -> Result<(), IoError> {
     debug_assert_eq!(shape.iter().product::<usize>(), values.len());
+    write_array(path.as_ref(), "<f4", shape, values.iter().map(|v| v.to_le_bytes()))
+}
+
+/// Writes a mask (rows, cols) as NumPy booleans.
+pub(super) fn write_mask_npy(path: &Path, mask: &Raster<bool>) -> Result<(), IoError> {
+    write_array(path, "|b1", &[mask.rows(), mask.cols()], mask.as_slice().iter().map(|&m| [u8::from(m)]))
+}
+
+fn write_array<const N: usize>(
+    path: &Path,
+    descr: &str,
+    shape: &[usize],
+    mut values: impl Iterator<Item = [u8; N]>,
+) -> Result<(), IoError> {
     let axes: String = shape.iter().map(|n| format!("{n}, ")).collect();
-    let mut header = format!("{{'descr': '<f4', 'fortran_order': False, 'shape': ({}), }}", axes.trim_end());
+    let mut header = format!("{{'descr': '{descr}', 'fortran_order': False, 'shape': ({}), }}", axes.trim_end());
     // Data begins at a multiple of 64, after a line break (numpy.lib.format).
     let padding = (10 + header.len() + 1).next_multiple_of(64) - (10 + header.len() + 1);
     header.extend(std::iter::repeat_n(' ', padding));
@@ -143,7 +157,7 @@ pub fn write_npy(path: impl AsRef<Path>, shape: &[usize], values: &[f32]) -> Res
         w.write_all(b"\x93NUMPY\x01\x00")?;
         w.write_all(&(header.len() as u16).to_le_bytes())?;
         w.write_all(header.as_bytes())?;
-        values.iter().try_for_each(|v| w.write_all(&v.to_le_bytes()))
+        values.try_for_each(|v| w.write_all(&v))
     })
 }
 

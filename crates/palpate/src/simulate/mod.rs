@@ -8,8 +8,10 @@ mod scene;
 mod seed;
 mod shapes;
 mod touches;
+mod ycb_sight;
 
 pub use camera::{CameraParams, look_at};
 pub use scene::{SimulateError, SimulateParams, SimulatedScene, place, simulate_scene};
 pub use shapes::Solid;
 pub use touches::TouchParams;
+pub use ycb_sight::{YcbSightObject, simulate_ycb_sight, ycb_sight_camera, ycb_sight_camera_pose};

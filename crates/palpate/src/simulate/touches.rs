@@ -163,7 +163,7 @@ fn stays_above(support: &Plane, world_from_aim: &Isometry, sensor: &TactileSenso
 }
 
 /// One draw of the pose error, in the sensor's frame.
-fn pose_noise(params: &TouchParams, rng: &mut Pcg64Mcg) -> Isometry {
+pub(super) fn pose_noise(params: &TouchParams, rng: &mut Pcg64Mcg) -> Isometry {
     let mut normal = || rng.sample::<f64, _>(StandardNormal);
     let translation = Vector::new(normal(), normal(), normal()) * params.pose_sigma_translation;
     let rotation = Vector::new(normal(), normal(), normal()) * params.pose_sigma_rotation;
@@ -199,6 +199,17 @@ impl FarthestFirst {
     /// Keeps a point that was handed out: later ones stay away from it.
     pub(crate) fn keep_away_from(&mut self, kept: usize) {
         let center = self.points[kept];
+        self.keep_away_from_point(&center);
+    }
+
+    /// Hands out a chosen candidate and keeps it.
+    pub(crate) fn take(&mut self, chosen: usize) {
+        self.distance[chosen] = -1.0;
+        self.keep_away_from(chosen);
+    }
+
+    /// Keeps a point that need not be a candidate.
+    pub(crate) fn keep_away_from_point(&mut self, center: &Point) {
         for (p, d) in self.points.iter().zip(&mut self.distance) {
             *d = d.min((p - center).norm_squared());
         }
