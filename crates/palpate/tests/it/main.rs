@@ -3,6 +3,4 @@
 mod layering;
 mod metrics;
 mod poisson;
-//! Integration tests: what holds across modules. One binary, one file per subject.
-
 mod touch;
