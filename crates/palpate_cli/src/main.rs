@@ -2,6 +2,9 @@
 
 mod args;
 mod commands;
+mod config;
+mod progress;
+mod report;
 
 use clap::Parser as _;
 use std::process::ExitCode;

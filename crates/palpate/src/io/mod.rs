@@ -20,6 +20,7 @@ mod scene;
 mod scene_format;
 mod scene_write;
 mod stl;
+mod text;
 
 pub use atomic::atomic_write;
 pub use error::IoError;
@@ -33,3 +34,4 @@ pub use mesh_files::{
 pub use npy::{NpyArray, parse_npy, read_height_map_npy, read_npy, write_height_map_npy, write_npy};
 pub use scene::{SceneCheck, SceneFile, check_scene, read_scene};
 pub use scene_write::{NewScene, SceneToWrite, init_scene, write_scene};
+pub use text::{check_writable, create_folder, read_text, write_text};

@@ -1,5 +1,16 @@
 //! The methods, top to bottom: one frame and some touches in, a closed mesh out.
+//!
+//! [`reconstruct`] is the door; `fused` and `paper` read like the method. Results keep every intermediate, so viewers and tests
+//! need no hooks.
 
+mod error;
+mod fused;
 mod paper;
+mod params;
+mod reconstruct;
+mod stages;
 
+pub use error::ReconstructError;
 pub use paper::{PaperError, PaperParams, PaperResult, PaperSurface, reconstruct_paper};
+pub use params::{Method, ReconstructParams, Surface, TouchParams};
+pub use reconstruct::{Reconstruction, Stages, Warning, reconstruct};

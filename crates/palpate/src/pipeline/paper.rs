@@ -4,10 +4,13 @@
 //! normals are oriented by how each point was measured, the mirrored copy stays where the plane puts it, touch poses are used as
 //! given, and a ray deletes only mirrored points on its own side of the centre.
 
-use crate::camera::{Frame, Visible};
-use crate::completion::{EliminationParams, contradicted};
-use crate::geometry::{Aabb, Plane, Point, PointCloud, TriangleMesh, voxel_average};
-use crate::surface::{BallPivotingParams, SurfaceError, ball_pivoting};
+use super::reconstruct::{Reconstruction, Stages, Warning, cut_by_border};
+use super::{ReconstructError, ReconstructParams, Surface, stages as step};
+use crate::camera::{Frame, Visible, segment_object};
+use crate::completion::{EliminationParams, best_plane, contradicted};
+use crate::geometry::{Aabb, Plane, Point, PointCloud, Topology, TriangleMesh, voxel_average};
+use crate::scene::Scene;
+use crate::surface::{BallPivotingParams, PoissonParams, SurfaceError, ball_pivoting, screened_poisson};
 use crate::tactile::Patch;
 use serde::{Deserialize, Serialize};
 
@@ -16,8 +19,10 @@ use serde::{Deserialize, Serialize};
 #[serde(rename_all = "kebab-case")]
 pub enum PaperSurface {
     /// Ball pivoting: through the points.
-    #[default]
     BallPivoting,
+    /// Screened Poisson: closed.
+    #[default]
+    Poisson,
 }
 
 /// Parameters of the published method.
@@ -35,6 +40,8 @@ pub struct PaperParams {
     pub surface: PaperSurface,
     /// Ball pivoting. By default its holes are closed and crumbs under 1 % of the area dropped, since a closed mesh is asked for.
     pub ball_pivoting: BallPivotingParams,
+    /// Screened Poisson, at automatic depth by default.
+    pub poisson: PoissonParams,
 }
 
 impl Default for PaperParams {
@@ -45,6 +52,7 @@ impl Default for PaperParams {
             elimination: EliminationParams::default(),
             surface: PaperSurface::default(),
             ball_pivoting: BallPivotingParams { fill_holes: true, min_piece_share: 0.01, ..Default::default() },
+            poisson: PoissonParams::default(),
         }
     }
 }
@@ -111,6 +119,48 @@ pub struct PaperResult {
     pub mesh: TriangleMesh,
 }
 
+/// The published method on a scene: the best accepted plane mirrors; without one, only what was measured is meshed.
+pub(super) fn reconstruct(
+    scene: &Scene,
+    params: &ReconstructParams,
+    stages: &Stages,
+) -> Result<Reconstruction, ReconstructError> {
+    let mut warnings = Vec::new();
+    stages.begin("see");
+    let visible = segment_object(&scene.frame, &params.segment)?;
+    warnings.extend(cut_by_border(&visible));
+    stages.begin("feel");
+    let patches = step::feel(scene, params, stages, &mut warnings)?;
+    stages.begin("evidence");
+    let (evidence, patches) = step::gather(scene, &visible, patches, params, &mut warnings)?;
+    stages.begin("symmetry");
+    let symmetry = stages.estimator().estimate(&evidence);
+    let view = evidence.bounds.center() - evidence.camera_center;
+    let plane = best_plane(&symmetry, &view);
+    stages.begin("mirror and mesh");
+    let surface = match params.surface() {
+        Surface::BallPivoting => PaperSurface::BallPivoting,
+        Surface::Poisson => PaperSurface::Poisson,
+        Surface::Implicit => return Err(ReconstructError::ImplicitPaper),
+    };
+    let paper = PaperParams { surface, ..params.paper.clone() };
+    let result = reconstruct_paper(&scene.frame, &visible, &patches, plane.as_ref(), &paper)?;
+    if !Topology::of(&result.mesh).is_closed() {
+        warnings.push(Warning::Open);
+    }
+    Ok(Reconstruction {
+        mesh: result.mesh,
+        visible: visible.cloud(&scene.frame),
+        felt: result.felt,
+        moved: result.mirrored,
+        removed: result.removed,
+        joined: result.joined,
+        symmetry,
+        touches_used: patches.len(),
+        warnings,
+    })
+}
+
 /// Completes the seen side by its mirror image, corrects it by touch and meshes the result.
 ///
 /// * `visible` – the object's visible side, of `frame`
@@ -148,6 +198,7 @@ pub fn reconstruct_paper(
     joined.append(&felt);
     let mesh = match params.surface {
         PaperSurface::BallPivoting => ball_pivoting(&joined, &params.ball_pivoting)?,
+        PaperSurface::Poisson => screened_poisson(&joined, None, &params.poisson)?.mesh,
     };
     Ok(PaperResult { seen, mirrored, removed, felt, joined, mesh })
 }
@@ -168,7 +219,7 @@ fn cloud_of(patch: &Patch) -> PointCloud {
 mod tests {
     use super::*;
     use crate::camera::{Background, DepthNoise, PinholeCamera};
-    use crate::geometry::{Isometry, Raster, Topology, Vector};
+    use crate::geometry::{Isometry, Raster, Vector};
     use std::f64::consts::PI;
 
     const RADIUS: f64 = 0.04;

@@ -1,9 +1,179 @@
 use crate::Outcome;
+use crate::progress::StageClock;
+use crate::report;
+use anyhow::{Context as _, bail};
+use palpate::geometry::PointCloud;
+use palpate::io;
+use palpate::pipeline::{self, Method, ReconstructParams, Reconstruction, Stages, Surface};
+use std::path::{Path, PathBuf};
 
 #[derive(clap::Args)]
-pub(crate) struct Args {}
+#[command(after_help = "Examples:
+  palpate reconstruct samples/mustard_bottle --output bottle.ply
+  palpate reconstruct scene --output mug.glb --pick 320,240 --report mug.json --keep mug_steps
+  palpate reconstruct scenes/* --output meshes/ --method paper --surface ball-pivoting
 
-pub(crate) fn run(_args: Args) -> anyhow::Result<Outcome> {
-    let _ = (Outcome::Done, Outcome::Degraded);
-    anyhow::bail!("not built yet")
+Exit status 3: a mesh was written, but something was lost on the way (a touch left out, the object cut by the image border).")]
+pub(crate) struct Args {
+    /// Scene folders (see `palpate init`); several make OUT a folder.
+    #[arg(required = true, value_name = "SCENE")]
+    scenes: Vec<PathBuf>,
+    /// Mesh to write, world frame, metres: .ply, .obj, .stl or .glb.
+    #[arg(short, long, value_name = "OUT")]
+    output: PathBuf,
+    /// fused = ours, weighs all evidence; paper = the published method.
+    #[arg(long, value_enum)]
+    method: Option<MethodArg>,
+    /// Surface; default implicit for fused, poisson for paper.
+    #[arg(long, value_enum)]
+    surface: Option<SurfaceArg>,
+    /// Pixel on the object, when the scene has no mask and several things stand on the table.
+    #[arg(long, value_name = "U,V", value_parser = parse_pixel)]
+    pick: Option<(f64, f64)>,
+    /// Use only the first N touches.
+    #[arg(long, value_name = "N")]
+    max_touches: Option<usize>,
+    /// How tactile images become height maps: recorded maps, or a decoder for touches that have none.
+    #[arg(long, value_enum, default_value_t = DecoderArg::Auto)]
+    decoder: DecoderArg,
+    /// JSON with timings, counts, symmetries, warnings and parameters.
+    #[arg(long, value_name = "FILE")]
+    report: Option<PathBuf>,
+    /// Folder for the clouds between the steps (visible, moved, removed, felt, fused), to look at in MeshLab.
+    #[arg(long, value_name = "DIR")]
+    keep: Option<PathBuf>,
+    /// Seed of everything random; the same seed gives the same bytes.
+    #[arg(long, value_name = "N")]
+    seed: Option<u64>,
+    /// Parameters as TOML; `palpate config` prints all of them. Flags win over the file.
+    #[arg(long, value_name = "FILE")]
+    config: Option<PathBuf>,
+}
+
+#[derive(Clone, Copy, clap::ValueEnum)]
+enum MethodArg {
+    Fused,
+    Paper,
+}
+
+#[derive(Clone, Copy, clap::ValueEnum)]
+enum SurfaceArg {
+    Implicit,
+    Poisson,
+    BallPivoting,
+}
+
+#[derive(Clone, Copy, PartialEq, clap::ValueEnum)]
+enum DecoderArg {
+    /// Recorded maps; an error where a touch has only an image.
+    Auto,
+    /// Recorded maps; images are ignored.
+    Recorded,
+}
+
+pub(crate) fn parse_pixel(text: &str) -> Result<(f64, f64), String> {
+    let (u, v) = text.split_once(',').ok_or("expected U,V, for example 320,240")?;
+    let number = |s: &str| match s.trim().parse::<f64>() {
+        Ok(x) if x.is_finite() && x >= 0.0 => Ok(x),
+        _ => Err(format!("'{s}' is not a pixel coordinate")),
+    };
+    Ok((number(u)?, number(v)?))
+}
+
+pub(crate) fn run(args: Args) -> anyhow::Result<Outcome> {
+    let params = effective_params(&args)?;
+    if args.scenes.len() == 1 {
+        return reconstruct_one(&args.scenes[0], &args.output, args.report.as_deref(), args.keep.as_deref(), &params);
+    }
+    if args.output.extension().is_some_and(|e| ["ply", "obj", "stl", "glb"].contains(&&*e.to_string_lossy())) {
+        bail!("{} scenes were given, so --output must be a folder, not '{}'", args.scenes.len(), args.output.display());
+    }
+    io::create_folder(&args.output)?;
+    let mut degraded = false;
+    for scene in &args.scenes {
+        let name = scene.file_name().with_context(|| format!("'{}' has no folder name", scene.display()))?;
+        let output = args.output.join(name).with_extension("ply");
+        let report = args.report.as_ref().map(|_| args.output.join(name).with_extension("json"));
+        let keep = args.keep.as_ref().map(|keep| keep.join(name));
+        let outcome = reconstruct_one(scene, &output, report.as_deref(), keep.as_deref(), &params)
+            .with_context(|| format!("scene '{}'", scene.display()))?;
+        degraded |= matches!(outcome, Outcome::Degraded);
+    }
+    Ok(if degraded { Outcome::Degraded } else { Outcome::Done })
+}
+
+fn effective_params(args: &Args) -> anyhow::Result<ReconstructParams> {
+    let mut params = match &args.config {
+        Some(path) => crate::config::read(path)?,
+        None => ReconstructParams::default(),
+    };
+    match args.method {
+        Some(MethodArg::Fused) => params.method = Method::Fused,
+        Some(MethodArg::Paper) => params.method = Method::Paper,
+        None => {}
+    }
+    match args.surface {
+        Some(SurfaceArg::Implicit) => params.surface = Some(Surface::Implicit),
+        Some(SurfaceArg::Poisson) => params.surface = Some(Surface::Poisson),
+        Some(SurfaceArg::BallPivoting) => params.surface = Some(Surface::BallPivoting),
+        None => {}
+    }
+    if let Some(pick) = args.pick {
+        params.segment.pick = Some(pick);
+    }
+    params.max_touches = args.max_touches.or(params.max_touches);
+    params.seed = args.seed.unwrap_or(params.seed);
+    Ok(params)
+}
+
+fn reconstruct_one(
+    folder: &Path,
+    output: &Path,
+    report: Option<&Path>,
+    keep: Option<&Path>,
+    params: &ReconstructParams,
+) -> anyhow::Result<Outcome> {
+    // A wrong output path must not cost the user the run.
+    io::check_writable(output)?;
+    let clock = StageClock::start();
+    clock.begin("read");
+    let file = io::read_scene(folder)?;
+    for warning in &file.warnings {
+        clock.say(&format!("warning: {warning}"));
+    }
+    let stages = Stages { on_stage: Some(&|stage| clock.begin(stage)), ..Stages::default() };
+    let result = pipeline::reconstruct(&file.scene, params, &stages)?;
+    clock.begin("write");
+    io::write_mesh(output, &result.mesh)?;
+    if let Some(keep) = keep {
+        keep_steps(keep, &result, params)?;
+    }
+    let timings = clock.finish();
+    for warning in &result.warnings {
+        eprintln!("warning: {warning}");
+    }
+    if let Some(path) = report {
+        let json = report::reconstruction(&file, &result, params, &timings);
+        report::write_json(path, &json)?;
+    }
+    println!("{}", report::one_line(output, &result, &timings));
+    Ok(if result.warnings.is_empty() { Outcome::Done } else { Outcome::Degraded })
+}
+
+/// The clouds between the steps, and the effective parameters.
+fn keep_steps(folder: &Path, result: &Reconstruction, params: &ReconstructParams) -> anyhow::Result<()> {
+    io::create_folder(folder)?;
+    let clouds: [(&str, &PointCloud); 5] = [
+        ("visible", &result.visible),
+        ("moved", &result.moved),
+        ("removed", &result.removed),
+        ("felt", &result.felt),
+        ("fused", &result.joined),
+    ];
+    for (name, cloud) in clouds {
+        io::write_cloud(folder.join(name).with_extension("ply"), cloud)?;
+    }
+    io::write_mesh(folder.join("mesh.ply"), &result.mesh)?;
+    io::write_text(folder.join("params.toml"), &crate::config::to_toml(params)?)?;
+    Ok(())
 }

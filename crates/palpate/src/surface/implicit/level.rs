@@ -105,6 +105,24 @@ impl Level {
         });
     }
 
+    /// The box of the nodes below `reach` cells, with room for the stencils of a finer level; the whole grid if there are none.
+    pub(super) fn surface_box(&self, reach: f32) -> Aabb {
+        let [nx, ny, nz] = self.dims;
+        let far = self.position(nx - 1, ny - 1, nz - 1);
+        let (mut min, mut max) = (far, self.origin);
+        for (row, values) in self.values.chunks(nx).enumerate() {
+            let Some(first) = values.iter().position(|&v| v < reach) else { continue };
+            let last = values.iter().rposition(|&v| v < reach).unwrap_or(first);
+            min = min.inf(&self.position(first, row % ny, row / ny));
+            max = max.sup(&self.position(last, row % ny, row / ny));
+        }
+        if min.x > max.x {
+            return Aabb { min: self.origin, max: far };
+        }
+        let grown = Aabb { min, max }.inflated(3.0 * self.spacing);
+        Aabb { min: grown.min.sup(&self.origin), max: grown.max.inf(&far) }
+    }
+
     /// Makes the border outside, so that the zero surface is closed.
     pub(super) fn close_border(&mut self) {
         let [nx, ny, nz] = self.dims;

@@ -63,7 +63,7 @@ pub struct ImplicitField {
 /// Dense levels: O(cells · iterations); band: O(surface / spacing² · iterations) arithmetic, O(box / spacing³) bytes.
 pub fn solve_implicit(problem: &ImplicitProblem, params: &ImplicitParams) -> ImplicitField {
     let mut level = solve_dense(problem, params);
-    for spacing in band_spacings(&problem.bounds, level.spacing, params) {
+    for spacing in band_spacings(&level.surface_box(1.5), level.spacing, params) {
         level = solve_band(&level, spacing, problem, params);
     }
     level.close_border();
@@ -136,7 +136,7 @@ fn solve_dense(problem: &ImplicitProblem, params: &ImplicitParams) -> Level {
 
 /// One narrow-band level: only nodes near the coarser surface or near a sample move, the rest holds the coarser solution.
 fn solve_band(coarse: &Level, spacing: f64, problem: &ImplicitProblem, params: &ImplicitParams) -> Level {
-    let mut level = Level::covering(&problem.bounds, spacing);
+    let mut level = Level::covering(&coarse.surface_box(1.5), spacing);
     level.upsample_from(coarse);
     let samples = thin::merged(problem, params.sample_spacing * spacing);
     let reach = (1.5 * coarse.spacing / spacing) as f32;

@@ -79,7 +79,7 @@ fn pass(
 ) -> f64 {
     let Work { r, p, ap, inverse, pull } = work;
     // r = b − A x
-    r.par_iter_mut().for_each(|v| *v = 0.0);
+    clear(level, r);
     data.residual(level, x, r);
     hessian::apply(level, x, -smoothness, r);
     {
@@ -91,7 +91,6 @@ fn pass(
             *inverse = 1.0 / (fixed_diagonal[n] + weight).max(1e-9);
         });
     }
-    p.par_iter_mut().for_each(|v| *v = 0.0);
     {
         let (r, inverse) = (&*r, &*inverse);
         for_runs(level, [&mut *p], |n, [p]| *p = inverse[n] * r[n]);
@@ -103,7 +102,7 @@ fn pass(
         if rho <= goal || rho <= f64::MIN_POSITIVE {
             break;
         }
-        ap.par_iter_mut().for_each(|v| *v = 0.0);
+        clear(level, ap);
         data.apply(level, p, ap);
         hessian::apply(level, p, smoothness, ap);
         {
@@ -129,6 +128,11 @@ fn pass(
         for_runs(level, [&mut *p], |n, [p]| *p = inverse[n] * r[n] + beta * *p);
     }
     start
+}
+
+/// Zeroes the active nodes. What the data term scatters beside them is never read.
+fn clear(level: &Level, values: &mut [f32]) {
+    for_runs(level, [values], |_, [v]| *v = 0.0);
 }
 
 fn add_hessian_diagonal(level: &Level, smoothness: f32, out: &mut [f32]) {

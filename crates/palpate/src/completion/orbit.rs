@@ -1,0 +1,177 @@
+use super::motion::{Copying, copyings};
+use crate::evidence::{Evidence, Provenance, Sample};
+use crate::geometry::{KdTree, Point, Vector};
+use crate::symmetry::Symmetry;
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+/// Parameters of moving the evidence.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct OrbitParams {
+    /// A moved sample further than this inside proven free space is contradicted, metres. Larger tolerates worse planes.
+    pub free_tolerance: f64,
+    /// A moved sample with a measured one of agreeing normal within this distance adds nothing, metres.
+    pub measured_radius: f64,
+    /// How much a difference of normals counts in that distance, metres per unit.
+    pub normal_scale: f64,
+    /// Share of contradicted copies round an axis beyond which the sample is not part of the body of revolution.
+    pub orbit_violations: f64,
+    /// Samples this close to a contradicted one share its fate, metres.
+    pub orbit_radius: f64,
+    /// Spacing of copies round an axis, metres of arc.
+    pub arc: f64,
+    /// Weight of a moved sample against a measured one, at full score.
+    pub weight: f64,
+    /// Score from which a hypothesis has the full weight.
+    pub full_score: f64,
+}
+
+impl Default for OrbitParams {
+    fn default() -> Self {
+        Self {
+            free_tolerance: 3e-3,
+            measured_radius: 5e-3,
+            normal_scale: 6e-3,
+            orbit_violations: 0.05,
+            orbit_radius: 4e-3,
+            arc: 8e-3,
+            weight: 0.05,
+            full_score: 0.4,
+        }
+    }
+}
+
+/// The measured samples moved by the accepted symmetries, and those that evidence contradicted.
+#[derive(Debug, Clone, Default)]
+pub struct MovedEvidence {
+    /// Guesses that nothing contradicts and no measurement replaces.
+    pub kept: Vec<Sample>,
+    /// Weight of each kept guess against a measurement.
+    pub weights: Vec<f64>,
+    /// Guesses that lie in proven free space.
+    pub contradicted: Vec<Sample>,
+    /// The copies made; `Provenance::Moved` points into it.
+    pub copyings: Vec<Copying>,
+}
+
+/// Moves every measured sample by every motion of the accepted symmetries and drops what evidence contradicts or already covers.
+///
+/// A sample some of whose copies round an axis violate free space is not part of the body of revolution (a mug's handle) and is
+/// dropped at every angle, with its neighbours; for a reflection the neighbours of a violating sample are dropped too.
+/// O(samples · motions · log samples).
+pub fn move_evidence(evidence: &Evidence, symmetry: &Symmetry, params: &OrbitParams) -> MovedEvidence {
+    if symmetry.accepted.is_empty() || evidence.samples.is_empty() {
+        return MovedEvidence::default();
+    }
+    let copyings = copyings(symmetry, typical_radius(evidence, symmetry), params.arc);
+    let families = copyings.iter().map(|m| m.family).max().map_or(0, |f| f as usize + 1);
+    let outcasts = outcasts(evidence, &copyings, families, params);
+    let covered = Covered::new(&evidence.samples, params);
+    let per_motion: Vec<_> = copyings
+        .par_iter()
+        .enumerate()
+        .map(|(m, copying)| {
+            let motion = &copying.motion;
+            let weight = params.weight * (copying.score / params.full_score).clamp(0.0, 1.0);
+            let (mut kept, mut contradicted) = (Vec::new(), Vec::new());
+            for (s, sample) in evidence.samples.iter().enumerate() {
+                let moved = Sample {
+                    position: motion.point(&sample.position),
+                    normal: motion.vector(&sample.normal),
+                    sigma: sample.sigma.hypot(2e-3),
+                    provenance: Provenance::Moved { motion: m as u32 },
+                };
+                if outcasts[copying.family as usize][s] || in_free_space(evidence, &moved.position, params) {
+                    contradicted.push(moved);
+                } else if !covered.holds(&moved.position, &moved.normal) {
+                    kept.push(moved);
+                }
+            }
+            (kept, weight, contradicted)
+        })
+        .collect();
+    let mut out = MovedEvidence { copyings, ..MovedEvidence::default() };
+    for (kept, weight, contradicted) in per_motion {
+        out.weights.extend(std::iter::repeat_n(weight, kept.len()));
+        out.kept.extend(kept);
+        out.contradicted.extend(contradicted);
+    }
+    out
+}
+
+fn in_free_space(evidence: &Evidence, p: &Point, params: &OrbitParams) -> bool {
+    evidence.free_space.signed_distance(p) > params.free_tolerance
+}
+
+/// Distance (90th percentile) of the samples from the axis that will be used, or from their middle.
+fn typical_radius(evidence: &Evidence, symmetry: &Symmetry) -> f64 {
+    use crate::symmetry::SymmetryElement::{Axis, Reflection, Sphere};
+    let of = |p: &Point| {
+        symmetry.accepted.iter().find_map(|h| match &h.element {
+            Axis { point, direction, .. } => Some((p - point).cross(direction).norm()),
+            Sphere { center } => Some((p - center).norm()),
+            Reflection(_) => None,
+        })
+    };
+    let center = evidence.bounds.center();
+    let mut radii: Vec<f64> =
+        evidence.samples.iter().map(|s| of(&s.position).unwrap_or_else(|| (s.position - center).norm())).collect();
+    let outer = (radii.len() * 9 / 10).min(radii.len() - 1);
+    *radii.select_nth_unstable_by(outer, f64::total_cmp).1
+}
+
+/// For each family of motions: which samples, or neighbours of samples, are contradicted by their copies.
+fn outcasts(evidence: &Evidence, copyings: &[Copying], families: usize, params: &OrbitParams) -> Vec<Vec<bool>> {
+    let points: Vec<Point> = evidence.samples.iter().map(|s| s.position).collect();
+    let tree = KdTree::new(&points);
+    let mut members: Vec<Vec<&Copying>> = vec![Vec::new(); families];
+    for copying in copyings {
+        members[copying.family as usize].push(copying);
+    }
+    members
+        .par_iter()
+        .map(|members| {
+            let mut bad = vec![false; points.len()];
+            for (s, p) in points.iter().enumerate() {
+                let violations = members.iter().filter(|m| in_free_space(evidence, &m.motion.point(p), params)).count();
+                if violations as f64 > params.orbit_violations * members.len() as f64 {
+                    bad[s] = true;
+                }
+            }
+            let mut spread = bad.clone();
+            for s in (0..points.len()).filter(|&s| bad[s]) {
+                for (n, _) in tree.within(&points[s], params.orbit_radius) {
+                    spread[n] = true;
+                }
+            }
+            spread
+        })
+        .collect()
+}
+
+/// Whether a measured sample of agreeing normal is near: the distance counts position and normal together, so the inner wall of a
+/// bowl does not cover a guess of the outer one.
+struct Covered<'a> {
+    samples: &'a [Sample],
+    tree: KdTree,
+    radius: f64,
+    normal_scale: f64,
+}
+
+impl<'a> Covered<'a> {
+    fn new(samples: &'a [Sample], params: &OrbitParams) -> Self {
+        let points: Vec<Point> = samples.iter().map(|s| s.position).collect();
+        let tree = KdTree::new(&points);
+        Self { samples, tree, radius: params.measured_radius, normal_scale: params.normal_scale }
+    }
+
+    fn holds(&self, p: &Point, n: &Vector) -> bool {
+        self.tree.nearest_n(p, 8).iter().any(|&(i, distance)| {
+            let s = &self.samples[i];
+            distance < self.radius
+                && s.normal.dot(n) > 0.5
+                && distance.hypot(self.normal_scale * (s.normal - n).norm()) < self.radius
+        })
+    }
+}

@@ -1,0 +1,48 @@
+use super::PaperError;
+use crate::camera::SegmentError;
+use crate::evidence::EvidenceError;
+use crate::surface::SurfaceError;
+use crate::tactile::{DecodeError, LiftError};
+
+/// Why a reconstruction failed: one variant per stage.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum ReconstructError {
+    /// The object could not be found in the frame.
+    #[error("seeing the object: {0}")]
+    Segment(#[from] SegmentError),
+    /// A tactile image could not be decoded.
+    #[error("touch {touch}: {source}")]
+    Decode {
+        /// Index of the touch in the order taken.
+        touch: usize,
+        /// What is wrong.
+        source: DecodeError,
+    },
+    /// A contact could not be lifted.
+    #[error("touch {touch}: {source}")]
+    Lift {
+        /// Index of the touch in the order taken.
+        touch: usize,
+        /// What is wrong.
+        source: LiftError,
+    },
+    /// There are touches but no sensor.
+    #[error("the scene has {touches} touches but no sensor: its pixel pitch and relaxed gel are needed")]
+    NoSensor {
+        /// Number of touches.
+        touches: usize,
+    },
+    /// The evidence does not suffice.
+    #[error("gathering the evidence: {0}")]
+    Evidence(#[from] EvidenceError),
+    /// No surface could be made.
+    #[error("meshing: {0}")]
+    Surface(#[from] SurfaceError),
+    /// The published method failed.
+    #[error("method 'paper': {0}")]
+    Paper(#[from] PaperError),
+    /// The implicit surface is a matter of `fused`.
+    #[error("method 'paper' meshes by 'poisson' or 'ball-pivoting', not by 'implicit'")]
+    ImplicitPaper,
+}

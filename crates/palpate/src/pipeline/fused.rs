@@ -1,0 +1,117 @@
+use super::reconstruct::{Reconstruction, Stages, felt_cloud};
+use super::{ReconstructError, ReconstructParams, Surface, stages as step};
+use crate::camera::{Visible, segment_object};
+use crate::completion::{MovedEvidence, move_evidence};
+use crate::evidence::{Evidence, Sample};
+use crate::geometry::{Point, PointCloud, TriangleMesh, Vector};
+use crate::scene::Scene;
+use crate::surface::{ImplicitProblem, WeightedSample, ball_pivoting, screened_poisson, solve_implicit};
+use crate::tactile::Patch;
+
+/// Our method: everything known, weighted by what it is worth, in one implicit function (method.md §3–5).
+pub(super) fn reconstruct(
+    scene: &Scene,
+    params: &ReconstructParams,
+    stages: &Stages,
+) -> Result<Reconstruction, ReconstructError> {
+    let mut warnings = Vec::new();
+
+    // See: the object's visible side, and the space that is free.
+    stages.begin("see");
+    let visible = segment_object(&scene.frame, &params.segment)?;
+    warnings.extend(super::reconstruct::cut_by_border(&visible));
+
+    // Feel: each contact becomes a small oriented patch.
+    stages.begin("feel");
+    let patches = step::feel(scene, params, stages, &mut warnings)?;
+    stages.begin("evidence");
+    let (evidence, patches) = step::gather(scene, &visible, patches, params, &mut warnings)?;
+
+    // Guess: moves of the object that all the evidence agrees with; none is an answer.
+    stages.begin("symmetry");
+    let symmetry = stages.estimator().estimate(&evidence);
+    stages.begin("move");
+    let moved = move_evidence(&evidence, &symmetry, &params.orbit);
+
+    // Fuse and mesh: one function, weighted by what each sample is worth.
+    stages.begin("fuse");
+    let measured = measured_samples(scene, &visible, &patches);
+    let guessed = guessed_samples(&moved);
+    let mesh = match params.surface() {
+        Surface::Implicit => implicit_mesh(&evidence, &measured, &guessed, params, stages),
+        other => point_mesh(&measured, &guessed, other, params)?,
+    };
+
+    let visible_cloud = visible.cloud(&scene.frame);
+    Ok(Reconstruction {
+        mesh,
+        visible: visible_cloud,
+        felt: felt_cloud(&patches),
+        moved: sample_cloud(&moved.kept),
+        removed: sample_cloud(&moved.contradicted),
+        joined: weighted_cloud(measured.iter().chain(&guessed)),
+        symmetry,
+        touches_used: patches.len(),
+        warnings,
+    })
+}
+
+/// All measured points with full weight: the denoised raster and the patches.
+fn measured_samples(scene: &Scene, visible: &Visible, patches: &[Patch]) -> Vec<WeightedSample> {
+    let mut clouds = visible.cloud(&scene.frame);
+    clouds.colors = None;
+    clouds.append(&felt_cloud(patches));
+    let normals = clouds.normals.as_deref().unwrap_or_default();
+    let sample = |(p, n): (&Point, &Vector)| WeightedSample { position: *p, normal: *n, weight: 1.0 };
+    clouds.points.iter().zip(normals).map(sample).collect()
+}
+
+fn guessed_samples(moved: &MovedEvidence) -> Vec<WeightedSample> {
+    let sample = |(s, &weight): (&Sample, &f64)| WeightedSample { position: s.position, normal: s.normal, weight };
+    moved.kept.iter().zip(&moved.weights).map(sample).collect()
+}
+
+fn implicit_mesh(
+    evidence: &Evidence,
+    measured: &[WeightedSample],
+    guessed: &[WeightedSample],
+    params: &ReconstructParams,
+    stages: &Stages,
+) -> TriangleMesh {
+    let free = &evidence.free_space;
+    let problem = ImplicitProblem {
+        measured,
+        guessed,
+        bounds: evidence.bounds.inflated(12e-3),
+        free: &|p| free.signed_distance(p),
+        free_fine: &|p| free.clearance_with_pads(p),
+    };
+    let field = solve_implicit(&problem, &params.implicit);
+    stages.begin("extract");
+    field.extract()
+}
+
+/// The same evidence meshed by a method that knows nothing of free space.
+fn point_mesh(
+    measured: &[WeightedSample],
+    guessed: &[WeightedSample],
+    surface: Surface,
+    params: &ReconstructParams,
+) -> Result<TriangleMesh, ReconstructError> {
+    let cloud = weighted_cloud(measured.iter().chain(guessed));
+    let weights: Vec<f64> = measured.iter().chain(guessed).map(|s| s.weight).collect();
+    Ok(match surface {
+        Surface::BallPivoting => ball_pivoting(&cloud, &params.ball_pivoting)?,
+        _ => screened_poisson(&cloud, Some(&weights), &params.poisson)?.mesh,
+    })
+}
+
+fn sample_cloud(samples: &[Sample]) -> PointCloud {
+    let points = samples.iter().map(|s| s.position).collect();
+    PointCloud { points, normals: Some(samples.iter().map(|s| s.normal).collect()), colors: None }
+}
+
+fn weighted_cloud<'a>(samples: impl Iterator<Item = &'a WeightedSample>) -> PointCloud {
+    let (points, normals) = samples.map(|s| (s.position, s.normal)).unzip();
+    PointCloud { points, normals: Some(normals), colors: None }
+}

@@ -1,0 +1,94 @@
+//! The steps that both methods share.
+
+use super::reconstruct::{Stages, Warning};
+use super::{ReconstructError, ReconstructParams};
+use crate::camera::Visible;
+use crate::evidence::Evidence;
+use crate::geometry::Point;
+use crate::scene::Scene;
+use crate::tactile::{Patch, lift};
+
+/// Decodes and lifts the touches in use; contacts with nothing in them are left out.
+pub(super) fn feel(
+    scene: &Scene,
+    params: &ReconstructParams,
+    stages: &Stages,
+    warnings: &mut Vec<Warning>,
+) -> Result<Vec<(usize, Patch)>, ReconstructError> {
+    let count = params.max_touches.unwrap_or(usize::MAX).min(scene.touches.len());
+    if count == 0 {
+        return Ok(Vec::new());
+    }
+    let sensor = scene.sensor.as_ref().ok_or(ReconstructError::NoSensor { touches: count })?;
+    let mut patches = Vec::with_capacity(count);
+    for (i, touch) in scene.touches[..count].iter().enumerate() {
+        let decoded;
+        let contact = match (&touch.contact, &touch.image, stages.decoder) {
+            (Some(contact), _, _) => contact,
+            (None, Some(image), Some(decoder)) => {
+                decoded =
+                    decoder.decode(image, sensor).map_err(|source| ReconstructError::Decode { touch: i, source })?;
+                &decoded
+            }
+            _ => {
+                let source = crate::tactile::DecodeError::NothingRecorded { decoder: "recorded" };
+                return Err(ReconstructError::Decode { touch: i, source });
+            }
+        };
+        let patch = lift(contact, sensor, &touch.world_from_sensor, &params.lift)
+            .map_err(|source| ReconstructError::Lift { touch: i, source })?;
+        if patch.points.is_empty() {
+            warnings.push(Warning::TouchLeftOut { touch: i, reason: "nothing touches the gel".into() });
+        } else {
+            patches.push((i, patch));
+        }
+    }
+    Ok(patches)
+}
+
+/// Gathers the evidence, leaving out touches that cannot be of this object: further off than its size, or in space that the
+/// camera proves free.
+pub(super) fn gather(
+    scene: &Scene,
+    visible: &Visible,
+    mut patches: Vec<(usize, Patch)>,
+    params: &ReconstructParams,
+    warnings: &mut Vec<Warning>,
+) -> Result<(Evidence, Vec<Patch>), ReconstructError> {
+    let seen = visible.cloud(&scene.frame);
+    if let Some(bounds) = seen.bounds() {
+        let reach = params.touches.max_diagonals * bounds.diagonal();
+        patches.retain(|(touch, patch)| {
+            let middle = patch.points.iter().map(|p| p.coords).sum::<crate::geometry::Vector>();
+            let middle = Point::from(middle / patch.points.len() as f64);
+            let off = (middle - middle.inf(&bounds.max).sup(&bounds.min)).norm();
+            if off > reach {
+                let reason =
+                    format!("it is {:.0} mm from the visible side, {:.0} mm are allowed", 1e3 * off, 1e3 * reach);
+                warnings.push(Warning::TouchLeftOut { touch: *touch, reason });
+            }
+            off <= reach
+        });
+    }
+    let gather = |patches: &[(usize, Patch)]| {
+        let patches: Vec<Patch> = patches.iter().map(|(_, p)| p.clone()).collect();
+        Evidence::gather(&scene.frame, visible, &patches, &params.evidence).map(|e| (e, patches))
+    };
+    let (evidence, all) = gather(&patches)?;
+    let inside_free = |patch: &Patch| {
+        let mut depths: Vec<f64> = patch.points.iter().map(|p| evidence.free_space.clearance(p)).collect();
+        let middle = depths.len() / 2;
+        *depths.select_nth_unstable_by(middle, f64::total_cmp).1
+    };
+    let before = patches.len();
+    patches.retain(|(touch, patch)| {
+        let depth = inside_free(patch);
+        let wrong = depth > params.touches.max_in_free_space;
+        if wrong {
+            let reason = format!("it lies {:.0} mm inside space that the camera proves free", 1e3 * depth);
+            warnings.push(Warning::TouchLeftOut { touch: *touch, reason });
+        }
+        !wrong
+    });
+    if patches.len() == before { Ok((evidence, all)) } else { Ok(gather(&patches)?) }
+}

@@ -1,0 +1,95 @@
+//! What a run did, as JSON and as one line.
+
+use crate::progress::Timings;
+use palpate::geometry::{Topology, TriangleMesh};
+use palpate::io::{self, SceneFile};
+use palpate::pipeline::{ReconstructParams, Reconstruction};
+use palpate::symmetry::{Hypothesis, SymmetryElement};
+use serde_json::{Value, json};
+use std::path::Path;
+
+pub(crate) fn reconstruction(
+    file: &SceneFile,
+    result: &Reconstruction,
+    params: &ReconstructParams,
+    timings: &Timings,
+) -> Value {
+    let stages: Vec<Value> =
+        timings.iter().map(|(name, seconds)| json!({ "stage": name, "seconds": seconds })).collect();
+    let warnings: Vec<String> =
+        file.warnings.iter().cloned().chain(result.warnings.iter().map(ToString::to_string)).collect();
+    json!({
+        "version": env!("CARGO_PKG_VERSION"),
+        "scene": file.scene.name,
+        "seed": params.seed,
+        "timings": stages,
+        "seconds": timings.iter().map(|t| t.1).sum::<f64>(),
+        "counts": {
+            "visible_points": result.visible.len(),
+            "touches_in_scene": file.scene.touches.len(),
+            "touches_used": result.touches_used,
+            "felt_points": result.felt.len(),
+            "guessed_points_kept": result.moved.len(),
+            "guessed_points_removed": result.removed.len(),
+            "vertices": result.mesh.vertices.len(),
+            "faces": result.mesh.faces.len(),
+        },
+        "mesh": mesh(&result.mesh),
+        "symmetry": {
+            "accepted": result.symmetry.accepted.iter().map(hypothesis).collect::<Vec<_>>(),
+            "rejected": result.symmetry.rejected.len(),
+        },
+        "warnings": warnings,
+        "parameters": params,
+    })
+}
+
+fn mesh(mesh: &TriangleMesh) -> Value {
+    let topology = Topology::of(mesh);
+    json!({
+        "closed": topology.is_closed(),
+        "volume_cm3": mesh.volume() * 1e6,
+        "area_cm2": mesh.area() * 1e4,
+    })
+}
+
+pub(crate) fn hypothesis(h: &Hypothesis) -> Value {
+    let element = match &h.element {
+        SymmetryElement::Reflection(plane) => {
+            json!({ "kind": "plane", "normal": plane.normal.as_slice(), "offset": plane.offset })
+        }
+        SymmetryElement::Axis { point, direction, order } => {
+            json!({ "kind": "axis", "point": point.coords.as_slice(), "direction": direction.as_slice(), "order": order })
+        }
+        SymmetryElement::Sphere { center } => json!({ "kind": "sphere", "center": center.coords.as_slice() }),
+    };
+    json!({
+        "element": element,
+        "confidence": h.confidence,
+        "score": h.score.value(),
+        "support": h.score.support,
+        "informative_support": h.score.informative,
+        "violation": h.score.violation,
+        "contradiction": h.score.contradiction,
+        "neutral": h.score.neutral,
+    })
+}
+
+pub(crate) fn write_json(path: &Path, value: &Value) -> anyhow::Result<()> {
+    let mut text = serde_json::to_string_pretty(value)?;
+    text.push('\n');
+    io::write_text(path, &text)?;
+    Ok(())
+}
+
+pub(crate) fn one_line(output: &Path, result: &Reconstruction, timings: &Timings) -> String {
+    format!(
+        "{}: {} faces, {:.1} cm³, {} touches, {} symmetries, {:.2} s",
+        output.display(),
+        result.mesh.faces.len(),
+        result.mesh.volume() * 1e6,
+        result.touches_used,
+        result.symmetry.accepted.len(),
+        timings.iter().map(|t| t.1).sum::<f64>()
+    )
+}
