@@ -4,3 +4,4 @@ mod layering;
 mod metrics;
 mod poisson;
 mod touch;
+mod readers;
