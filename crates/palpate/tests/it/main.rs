@@ -3,5 +3,5 @@
 mod layering;
 mod metrics;
 mod poisson;
-mod touch;
 mod readers;
+mod touch;
