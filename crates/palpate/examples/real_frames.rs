@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 /// Folder, and the pixel to pick.
-const FRAMES: [(&str, Option<(f64, f64)>); 16] = [
+const FRAMES: [(&str, Option<(f64, f64)>); 17] = [
     ("6dofgraspnet_mustard", None),
     ("6dofgraspnet_white_mug", None),
     ("6dofgraspnet_green_bowl", None),
@@ -20,12 +20,13 @@ const FRAMES: [(&str, Option<(f64, f64)>); 16] = [
     ("posecnn_demo_0", Some((235.0, 180.0))),
     ("posecnn_demo_0", Some((430.0, 160.0))),
     ("posecnn_demo_0", Some((530.0, 310.0))),
-    ("posecnn_demo_0", Some((200.0, 280.0))),
+    ("posecnn_demo_0", Some((170.0, 380.0))),
     ("posecnn_demo_0", Some((375.0, 350.0))),
-    ("posecnn_demo_1", Some((225.0, 210.0))),
+    ("posecnn_demo_1", Some((268.0, 216.0))),
     ("posecnn_demo_1", Some((345.0, 245.0))),
     ("posecnn_demo_1", Some((500.0, 230.0))),
     ("posecnn_demo_1", Some((365.0, 405.0))),
+    ("posecnn_demo_1", Some((220.0, 375.0))),
 ];
 
 fn main() -> Result<(), Box<dyn Error>> {

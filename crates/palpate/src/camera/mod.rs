@@ -1,7 +1,10 @@
 //! The depth camera: its model, its image, and from a frame to the object's visible side.
 
+mod cloud;
 mod depth_image;
 mod error;
+mod fragments;
+mod fringe;
 mod intrinsics;
 mod raster_filter;
 mod segment;
@@ -10,6 +13,7 @@ mod smooth;
 mod support;
 mod visible;
 
+pub use cloud::{CleanCloud, clean_cloud};
 pub use depth_image::{Background, DepthNoise, Frame};
 pub use error::CameraError;
 pub use intrinsics::PinholeCamera;

@@ -1,3 +1,5 @@
+use super::fragments::with_fragments;
+use super::fringe::fringe;
 use super::raster_filter::{NO_CLUSTER, border_share, flying_pixels, raster_clusters, raster_outliers};
 use super::support::{Support, readings, support_candidates};
 use super::{Background, Frame, SegmentError, SegmentParams, Visible, smooth_depth};
@@ -23,14 +25,25 @@ pub fn segment_object(frame: &Frame, params: &SegmentParams) -> Result<Visible, 
     let flying = flying_pixels(&frame.depth, &frame.camera, |z| noise.sigma_at(z), params.max_slope);
     let usable = points.pixels().map(|(r, c, p)| p.z.is_finite() && !flying[(r, c)]);
     let usable = like(&points, usable.collect());
-    let (kept, support) = match &frame.mask {
+    let (mut kept, support) = match &frame.mask {
         Some(mask) => masked_object(frame, &points, &usable, mask, params)?,
         None => unmasked_object(frame, &points, &usable, params)?,
     };
     let outliers = raster_outliers(&points, &kept, &frame.camera, params.outlier_sigmas);
     let object = zip(&kept, &outliers, |k, o| *k && !o);
     require(&object, params.min_pixels, "removing outliers")?;
-    let (depth, normals) = smooth_depth(&frame.depth, &object, &frame.camera, noise, &params.smooth);
+    let (mut depth, mut normals) = smooth_depth(&frame.depth, &object, &frame.camera, noise, &params.smooth);
+    if let Some(support) = &support {
+        let table = seen_table(&points, &usable, &kept, support, params);
+        let pitch = params.max_slope / frame.camera.fx.min(frame.camera.fy);
+        let step = |z: f64| pitch * z + 4.0 * noise.sigma_at(z);
+        let dropped = fringe(&points, &normals, &table, support, step);
+        for (i, _) in dropped.as_slice().iter().enumerate().filter(|d| *d.1) {
+            kept.as_mut_slice()[i] = false;
+            depth.as_mut_slice()[i] = f32::NAN;
+            normals.as_mut_slice()[i] = [0.0; 3];
+        }
+    }
     require(&depth.map(|z| !z.is_nan()), params.min_pixels, "denoising")?;
     let mask = match &frame.mask {
         Some(mask) => mask.clone(),
@@ -39,6 +52,22 @@ pub fn segment_object(frame: &Frame, params: &SegmentParams) -> Result<Visible, 
     let border_share = border_share(&mask);
     let support = support.map(|s| s.plane.transformed(&frame.world_from_camera)).or(frame.support);
     Ok(Visible { mask, depth, normals, support, border_share })
+}
+
+/// The largest connected part of the plane's readings; a bowl's thin floor is another part.
+fn seen_table(
+    points: &Raster<Point>,
+    usable: &Raster<bool>,
+    object: &Raster<bool>,
+    support: &Support,
+    params: &SegmentParams,
+) -> Raster<bool> {
+    let on_plane = zip(usable, points, |u, p| *u && support.plane.signed_distance(p).abs() <= support.margin);
+    let on_plane = zip(&on_plane, object, |t, o| *t && !o);
+    let (labels, count) = raster_clusters(points, &on_plane, 1, |_| params.link_distance);
+    let sizes = cluster_sizes(&labels, count);
+    let largest = (0..count).max_by_key(|&label| sizes[label]).map_or(NO_CLUSTER, |label| label as u32);
+    labels.map(|&l| l != NO_CLUSTER && l == largest)
 }
 
 fn check_pick(frame: &Frame, params: &SegmentParams) -> Result<(), SegmentError> {
@@ -190,7 +219,10 @@ fn choose_cluster(
         Some(pick) => picked_cluster(&labels, pick, params)?,
         None => central_cluster(frame, points, &labels, clusters, support, params)?,
     };
-    let kept = labels.map(|&l| l == label);
+    let kept = match support {
+        Some(support) => with_fragments(points, &labels, clusters, label, support, params.fragment_gap),
+        None => labels.map(|&l| l == label),
+    };
     require(&kept, params.min_pixels, "clustering")?;
     Ok(kept)
 }

@@ -32,6 +32,9 @@ pub struct SegmentParams {
     pub link_pixels: usize,
     /// … if they are closer than this, metres. Larger: joins parts split by noise, and neighbouring objects; 10 mm.
     pub link_distance: f64,
+    /// Clusters over the same ground of the support plane are one object if they come closer than this, metres. Larger: joins
+    /// parts behind wider gaps; 25 mm.
+    pub fragment_gap: f64,
     /// Points farther from their neighbours than the average by this many standard deviations are outliers. Larger: keeps
     /// more; 4.
     pub outlier_sigmas: f64,
@@ -56,6 +59,7 @@ impl Default for SegmentParams {
             max_slope: 6.0,
             link_pixels: 3,
             link_distance: 0.01,
+            fragment_gap: 0.025,
             outlier_sigmas: 4.0,
             min_pixels: 200,
             smooth: SmoothParams::default(),
@@ -75,6 +79,7 @@ impl SegmentParams {
             ("min_margin", self.min_margin),
             ("max_slope", self.max_slope),
             ("link_distance", self.link_distance),
+            ("fragment_gap", self.fragment_gap),
             ("outlier_sigmas", self.outlier_sigmas),
         ];
         let mut fault = positive
