@@ -5,7 +5,7 @@ use super::support::Support;
 use crate::geometry::{KdTree, Point, Raster, Vector};
 
 /// Clusters smaller than this are noise, pixels.
-const MIN_FRAGMENT: usize = 20;
+pub(super) const MIN_FRAGMENT: usize = 20;
 /// Two clusters share ground if this share of one's points lies over the other's footprint.
 const SHARED_GROUND: f64 = 0.02;
 
@@ -41,16 +41,6 @@ pub(super) fn with_fragments(
             }
             let other = footprint(&members[c], support);
             let other_hull = convex_hull(other.clone());
-            eprintln!(
-                members[chosen as usize].len(),
-                members[c].len(),
-                share_inside(&other, &hull),
-                share_inside(&ground, &other_hull),
-                {
-                    let t = KdTree::new(&object);
-                    members[c].iter().map(|p| t.nearest(p).unwrap().1).fold(9.0, f64::min)
-                }
-            );
             if share_inside(&other, &hull).max(share_inside(&ground, &other_hull)) < SHARED_GROUND {
                 continue;
             }

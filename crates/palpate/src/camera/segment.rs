@@ -1,4 +1,4 @@
-use super::fragments::with_fragments;
+use super::fragments::{MIN_FRAGMENT, with_fragments};
 use super::fringe::fringe;
 use super::raster_filter::{NO_CLUSTER, border_share, flying_pixels, raster_clusters, raster_outliers};
 use super::support::{Support, readings, support_candidates};
@@ -50,7 +50,7 @@ pub fn segment_object(frame: &Frame, params: &SegmentParams) -> Result<Visible, 
         None => with_dropped_edge(&kept, &flying),
     };
     let border_share = border_share(&mask);
-    let support = support.map(|s| s.plane.transformed(&frame.world_from_camera)).or(frame.support);
+    let support = frame.support.or(support.map(|s| s.plane.transformed(&frame.world_from_camera)));
     Ok(Visible { mask, depth, normals, support, border_share })
 }
 
@@ -165,7 +165,9 @@ fn unmasked_object(
     usable: &Raster<bool>,
     params: &SegmentParams,
 ) -> Result<(Raster<bool>, Option<Support>), SegmentError> {
-    let candidates = supports(frame, points, usable, params, focus(frame, params));
+    // What floats in nothing, away from the image border, is an object without its table; its flat faces are not tables.
+    let floats = frame.background == Background::Absent && frame.support.is_none() && !touches_border(usable);
+    let candidates = if floats { Vec::new() } else { supports(frame, points, usable, params, focus(frame, params)) };
     let mut failure = None;
     for support in candidates {
         let height = |p: &Point| support.plane.signed_distance(p);
@@ -180,11 +182,8 @@ fn unmasked_object(
         }
     }
     match failure {
-        // Flat faces of an object that floats in nothing are not tables.
-        Some(error) if frame.support.is_some() || touches_border(usable) || frame.background == Background::Unknown => {
-            Err(error)
-        }
-        _ => Ok((choose_cluster(frame, points, usable, None, params)?, None)),
+        Some(error) => Err(error),
+        None => Ok((choose_cluster(frame, points, usable, None, params)?, None)),
     }
 }
 
@@ -216,7 +215,7 @@ fn choose_cluster(
 ) -> Result<Raster<bool>, SegmentError> {
     let (labels, clusters) = link(points, chosen, params);
     let label = match params.pick {
-        Some(pick) => picked_cluster(&labels, pick, params)?,
+        Some(pick) => picked_cluster(&labels, &cluster_sizes(&labels, clusters), pick, params)?,
         None => central_cluster(frame, points, &labels, clusters, support, params)?,
     };
     let kept = match support {
@@ -227,12 +226,18 @@ fn choose_cluster(
     Ok(kept)
 }
 
-/// The cluster at the picked pixel, or the nearest one within the pick radius.
-fn picked_cluster(labels: &Raster<u32>, (u, v): (f64, f64), params: &SegmentParams) -> Result<u32, SegmentError> {
+/// The cluster at the picked pixel, or the nearest one within the pick radius; specks of noise are passed over.
+fn picked_cluster(
+    labels: &Raster<u32>,
+    sizes: &[usize],
+    (u, v): (f64, f64),
+    params: &SegmentParams,
+) -> Result<u32, SegmentError> {
     let distance = |row: usize, col: usize| (col as f64 - u).hypot(row as f64 - v);
     labels
         .pixels()
-        .filter(|(row, col, label)| **label != NO_CLUSTER && distance(*row, *col) <= params.pick_radius.max(0.71))
+        .filter(|(_, _, label)| **label != NO_CLUSTER && sizes[**label as usize] >= MIN_FRAGMENT)
+        .filter(|(row, col, _)| distance(*row, *col) <= params.pick_radius.max(0.71))
         .min_by(|a, b| distance(a.0, a.1).total_cmp(&distance(b.0, b.1)))
         .map(|(_, _, label)| *label)
         .ok_or(SegmentError::PickMissed { u, v, radius: params.pick_radius })

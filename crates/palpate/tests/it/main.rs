@@ -5,3 +5,4 @@ mod metrics;
 mod poisson;
 mod readers;
 mod touch;
+mod segment;
