@@ -4,5 +4,5 @@ mod layering;
 mod metrics;
 mod poisson;
 mod readers;
-mod touch;
 mod segment;
+mod touch;
