@@ -44,7 +44,8 @@ pub struct Distances {
     pub completeness_mm: f64,
     /// The larger of the two 95 % quantiles of distance, mm.
     pub hausdorff95_mm: f64,
-    /// Mean dot product of the normals at nearest points, mean of both ways: 1 = parallel, −1 = inside out.
+    /// Mean dot product of the normals at nearest points, mean of both ways: 1 = parallel, −1 = inside out. Where the nearest
+    /// point lies on an edge, either face may give the normal: on coarse meshes it is no invariant of rigid motion.
     pub normal_consistency: f64,
     /// Harmonic mean of the shares of both surfaces within 1 mm of the other.
     pub f_score_1mm: f64,

@@ -113,7 +113,6 @@ proptest! {
 
         let both = compare(&a.transformed(&motion), &b.transformed(&motion), &params).expect("both have area");
         prop_assert!((both.distances.chamfer_mean_mm / one.distances.chamfer_mean_mm - 1.0).abs() < 1e-6);
-        prop_assert!((both.distances.normal_consistency - one.distances.normal_consistency).abs() < 1e-2);
         // The lines of the IoU stay with the axes: equal up to their spacing.
         let iou = |c: &Comparison| c.volumetric_iou.expect("both are closed");
         prop_assert!((iou(&both) - iou(&one)).abs() < 5e-3, "{} {}", iou(&both), iou(&one));
