@@ -20,6 +20,11 @@ impl StageClock {
         Self { bar, stages: RefCell::default() }
     }
 
+    /// Times, shows nothing: for runs beside one another.
+    pub(crate) fn silent() -> Self {
+        Self { bar: ProgressBar::hidden(), stages: RefCell::default() }
+    }
+
     pub(crate) fn begin(&self, stage: &'static str) {
         self.stages.borrow_mut().push((stage, Instant::now()));
         self.bar.set_message(stage);

@@ -5,8 +5,10 @@ use rayon::prelude::*;
 
 /// Directions tried on the half-sphere, besides the principal axes.
 const DIRECTIONS: usize = 200;
-/// Planes refined.
+/// Planes refined on few samples.
 const KEPT: usize = 8;
+/// Planes of these refined on many.
+const FINISHED: usize = 3;
 
 /// Mean distance between a mesh and its mirror image, metres: 0 if the plane is a symmetry of the mesh.
 ///
@@ -23,7 +25,7 @@ pub fn mirror_error(mesh: &TriangleMesh, plane: &Plane, samples: usize, seed: u6
 /// offset by pattern search. `None` without area.
 pub fn oracle_plane(truth: &TriangleMesh, seed: u64) -> Option<(Plane, f64)> {
     let coarse = SurfaceSamples::draw(truth, 300, seed).points;
-    let fine = SurfaceSamples::draw(truth, 3000, seed.wrapping_add(1)).points;
+    let fine = SurfaceSamples::draw(truth, 1500, seed.wrapping_add(1)).points;
     let (first, bvh) = (fine.first()?, Bvh::new(truth));
     let centroid = first + fine.iter().map(|p| p - first).sum::<Vector>() / fine.len() as f64;
 
@@ -37,12 +39,16 @@ pub fn oracle_plane(truth: &TriangleMesh, seed: u64) -> Option<(Plane, f64)> {
     candidates.truncate(KEPT);
 
     let reach = truth.bounds()?.diagonal() / 2.0;
-    let refined: Vec<(f64, Plane)> = candidates
-        .par_iter()
-        .map(|(_, plane)| refine(&bvh, &coarse, *plane, &centroid, reach, (0.1, 0.002)))
-        .map(|(_, plane)| refine(&bvh, &fine, plane, &centroid, reach, (0.008, 0.0002)))
-        .collect();
-    refined.into_iter().min_by(|a, b| a.0.total_cmp(&b.0)).map(|(error, plane)| (plane, error))
+    let refine_all = |planes: &[(f64, Plane)], points: &[Point], steps| -> Vec<(f64, Plane)> {
+        let mut refined: Vec<_> =
+            planes.par_iter().map(|(_, plane)| refine(&bvh, points, *plane, &centroid, reach, steps)).collect();
+        refined.sort_by(|a, b| a.0.total_cmp(&b.0));
+        refined
+    };
+    let mut refined = refine_all(&candidates, &coarse, (0.1, 0.004));
+    refined.truncate(FINISHED);
+    refined = refine_all(&refined, &fine, (0.008, 0.0002));
+    refined.first().map(|&(error, plane)| (plane, error))
 }
 
 fn error(bvh: &Bvh, points: &[Point], plane: &Plane) -> f64 {

@@ -7,10 +7,9 @@ use crate::Outcome;
 use anyhow::Context as _;
 use clap::ValueEnum;
 use indicatif::{ProgressBar, ProgressStyle};
-use palpate::geometry::TriangleMesh;
+use palpate::geometry::{Plane, TriangleMesh};
 use palpate::io::read_mesh;
-use palpate::metrics::{CompareParams, TruthReference, Viewpoint};
-use palpate::scene::Scene;
+use palpate::metrics::{CompareParams, TruthReference, Viewpoint, oracle_plane};
 use palpate::simulate::{SimulateParams, simulate_scene};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::PathBuf;
@@ -35,8 +34,8 @@ pub(crate) struct Args {
     #[arg(long, value_enum, value_delimiter = ',', default_values_t = [Method::PaperBpa, Method::PaperPsr, Method::Fused])]
     methods: Vec<Method>,
     /// Where the symmetry comes from; the oracle reads the truth and is a yardstick only
-    #[arg(long, value_enum, default_value_t = Symmetry::Estimated)]
-    symmetry: Symmetry,
+    #[arg(long, value_enum, default_value_t = SymmetrySource::Estimated)]
+    symmetry: SymmetrySource,
     /// Views of each object
     #[arg(long, default_value_t = 3, value_name = "N")]
     views: usize,
@@ -67,7 +66,7 @@ pub(super) enum Method {
 
 /// Where the symmetry comes from.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub(super) enum Symmetry {
+pub(super) enum SymmetrySource {
     /// From the evidence, as in any run
     Estimated,
     /// The plane about which the truth mirrored lies closest to itself
@@ -82,7 +81,7 @@ impl Method {
     }
 }
 
-impl Symmetry {
+impl SymmetrySource {
     fn name(self) -> String {
         self.to_possible_value().map_or_else(String::new, |v| v.get_name().to_owned())
     }
@@ -90,11 +89,11 @@ impl Symmetry {
 
 /// One reconstruction to do.
 pub(super) struct Job<'a> {
-    pub(super) scene: &'a Scene,
-    /// For the oracle alone.
-    pub(super) truth: &'a TriangleMesh,
+    pub(super) case: &'a Loaded,
+    /// The truth's best plane, where the oracle is asked for.
+    pub(super) oracle: Option<Plane>,
     pub(super) method: Method,
-    pub(super) symmetry: Symmetry,
+    pub(super) symmetry: SymmetrySource,
     pub(super) touches: usize,
     pub(super) seed: u64,
 }
@@ -207,16 +206,11 @@ fn run_case(
             return keys.iter().try_for_each(|key| push(Row::failed(key.clone(), 0, format!("{error:#}"))));
         }
     };
+    let wanted = args.symmetry == SymmetrySource::Oracle;
+    let oracle = if wanted { oracle_plane(&loaded.truth, args.seed).map(|(plane, _)| plane) } else { None };
     for key in keys {
         let method = *args.methods.iter().find(|m| m.name() == key.method).expect("keys are made of the methods");
-        let job = Job {
-            scene: &loaded.scene,
-            truth: &loaded.truth,
-            method,
-            symmetry: args.symmetry,
-            touches: key.touches,
-            seed: args.seed,
-        };
+        let job = Job { case: &loaded, oracle, method, symmetry: args.symmetry, touches: key.touches, seed: args.seed };
         push(run_job(&job, key, &truth, reconstruct))?;
     }
     Ok(())
@@ -224,7 +218,7 @@ fn run_case(
 
 /// One reconstruction and its comparison. A panic is a bug of the library, but no reason to lose the other runs.
 fn run_job(job: &Job, key: &Key, truth: &TruthReference, reconstruct: &Reconstructor) -> Row {
-    let available = job.scene.touches.len().min(key.touches);
+    let available = job.case.scene.touches.len().min(key.touches);
     let mut row = Row::failed(key.clone(), available, String::new());
     let started = Instant::now();
     let answer = catch_unwind(AssertUnwindSafe(|| reconstruct(job))).unwrap_or_else(|panic| {
@@ -296,7 +290,7 @@ mod tests {
             quick: false,
             touches: vec![2, 0],
             methods: vec![Method::PaperPsr, Method::Fused],
-            symmetry: Symmetry::None,
+            symmetry: SymmetrySource::None,
             views: 2,
             objects: vec![],
             seed: 0,
@@ -322,7 +316,7 @@ mod tests {
         }
         let off = Isometry::translation(1e-3 * (3.0 - job.touches as f64), 0.0, 0.0);
         let stages = vec![("see".to_owned(), 0.1)];
-        Ok(Answer { mesh: job.truth.transformed(&off), touches_used: job.touches, stages })
+        Ok(Answer { mesh: job.case.truth.transformed(&off), touches_used: job.touches, stages })
     }
 
     #[test]
