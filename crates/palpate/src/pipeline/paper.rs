@@ -76,7 +76,8 @@ impl PaperParams {
             let (field, value) = ("elimination.ray_radius", self.elimination.ray_radius);
             return Err(PaperError::InvalidParameter { field, value, rule: "must be zero or more and finite" });
         }
-        self.ball_pivoting.validate().map_err(PaperError::Surface)
+        self.poisson.validate()?;
+        Ok(self.ball_pivoting.validate()?)
     }
 }
 
@@ -281,7 +282,7 @@ mod tests {
         let (frame, visible) = sphere_frame();
         let plane = Plane::new(Vector::z(), &CENTER).expect("a plane");
         let patches = [touch(Vector::z()), touch(Vector::new(1.0, 0.0, 0.5))];
-        for surface in [PaperSurface::BallPivoting] {
+        for surface in [PaperSurface::BallPivoting, PaperSurface::Poisson] {
             let result = reconstruct_paper(&frame, &visible, &patches, Some(&plane), &params(surface)).expect("meshes");
             let t = Topology::of(&result.mesh);
             assert!(t.is_watertight() && t.components == 1, "{surface:?}: {t:?}");

@@ -2,7 +2,7 @@ use crate::Outcome;
 use anyhow::Context as _;
 use palpate::geometry::Topology;
 use palpate::io::{read_cloud, write_mesh};
-use palpate::surface::{BallPivotingParams, ball_pivoting, fill_holes};
+use palpate::surface::{BallPivotingParams, PoissonParams, ball_pivoting, fill_holes, screened_poisson};
 use std::path::PathBuf;
 
 #[derive(clap::Args)]
@@ -15,7 +15,7 @@ pub(crate) struct Args {
     /// How to mesh
     #[arg(long, value_enum)]
     method: Method,
-    /// Octree depth of Poisson; larger is finer
+    /// Octree depth of Poisson; larger is finer; default: cells a little larger than the spacing of the points
     #[arg(long, value_name = "D", conflicts_with = "radius")]
     depth: Option<u32>,
     /// Ball radii, metres, any number; default 1.5, 2.5, 4 and 6 times the spacing of the points
@@ -44,7 +44,10 @@ pub(crate) fn run(args: Args) -> anyhow::Result<Outcome> {
             let radii = (!args.radius.is_empty()).then(|| args.radius.clone());
             ball_pivoting(&cloud, &BallPivotingParams { radii, ..Default::default() }).with_context(meshing)?
         }
-        Method::Poisson => anyhow::bail!("--method poisson is not available yet"),
+        Method::Poisson => {
+            let params = PoissonParams { depth: args.depth, ..Default::default() };
+            screened_poisson(&cloud, None, &params).with_context(meshing)?.mesh
+        }
         Method::Implicit => anyhow::bail!("--method implicit is not available yet"),
     };
     if args.fill_holes {

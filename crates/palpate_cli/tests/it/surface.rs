@@ -36,6 +36,12 @@ fn a_cloud_becomes_a_mesh_that_inspect_calls_closed() {
     assert_eq!(status, 0, "{errors}");
     assert!(errors.contains("2000 vertices, 3996 faces, watertight"), "{errors}");
 
+    let (status, _, errors) = palpate(
+        folder.path(),
+        &["surface", "sphere.ply", "--output", "smooth.ply", "--method", "poisson", "--depth", "5"],
+    );
+    assert!(status == 0 && errors.contains("watertight"), "{errors}");
+
     let (status, json, errors) = palpate(folder.path(), &["inspect", "mesh.ply", "--json"]);
     assert_eq!(status, 0, "{errors}");
     let found: serde_json::Value = serde_json::from_str(&json).expect("one JSON object");

@@ -7,7 +7,8 @@ use serde::{Deserialize, Serialize};
 pub struct BallPivotingParams {
     /// Ball radii, metres, rolled from small to large. A ball must be larger than the gaps between points and smaller than the
     /// details to keep; larger bridges more. Default: 1.5, 2.5, 4 and 6 times the median spacing, which closes evenly sampled
-    /// surfaces with the first and sparser parts with the others.
+    /// surfaces with the first and sparser parts with the others; with [`Self::fill_holes`] balls of twice the size follow one
+    /// another up to a quarter of the cloud's diagonal, to bridge islands of points.
     pub radii: Option<Vec<f64>>,
     /// Of points closer together than this only the first is used, metres; larger thins more. Default: a tenth of the smallest
     /// radius, so that near-duplicates do not become slivers.

@@ -2,13 +2,15 @@ use super::BallPivotingParams;
 use super::front::Front;
 use super::grid::Grid;
 use super::prepare::{checked_normals, distinct, jittered, median_spacing, thinned};
-use crate::geometry::{KdTree, Point, PointCloud, TriangleMesh, Vector, drop_small_pieces, split_fans};
+use crate::geometry::{Aabb, KdTree, Point, PointCloud, TriangleMesh, Vector, drop_small_pieces, split_fans};
 use crate::surface::{SurfaceError, fill_holes};
 use std::collections::VecDeque;
 use std::f64::consts::TAU;
 
 /// Multiples of the median spacing that serve as radii where none are given.
 const DEFAULT_RADII: [f64; 4] = [1.5, 2.5, 4.0, 6.0];
+/// Diagonal of the cloud over the largest ball that bridges islands: about the size of the object's features.
+const BRIDGE_SHARE: f64 = 0.25;
 /// Smallest radius over the distance below which points are merged.
 const MERGE_SHARE: f64 = 0.1;
 /// Seeds are looked for among this many nearest neighbours: a face of an empty ball joins near points.
@@ -36,15 +38,8 @@ pub fn ball_pivoting(cloud: &PointCloud, params: &BallPivotingParams) -> Result<
         return Err(SurfaceError::TooFewPoints { found: kept.len(), needed: 3 });
     }
     let positions = |kept: &[usize]| kept.iter().map(|&i| cloud.points[i]).collect::<Vec<_>>();
-    let radii = if let Some(radii) = &params.radii {
-        let mut radii = radii.clone();
-        radii.sort_unstable_by(f64::total_cmp);
-        radii.dedup();
-        radii
-    } else {
-        let spacing = median_spacing(&positions(&kept));
-        DEFAULT_RADII.iter().map(|k| k * spacing).collect()
-    };
+    let radii =
+        params.radii.as_ref().map_or_else(|| chosen_radii(&positions(&kept), params.fill_holes), |r| ascending(r));
     let merge_distance = params.merge_distance.unwrap_or(MERGE_SHARE * radii[0]);
     kept = thinned(&positions(&kept), merge_distance).into_iter().map(|i| kept[i]).collect();
 
@@ -70,6 +65,25 @@ pub fn ball_pivoting(cloud: &PointCloud, params: &BallPivotingParams) -> Result<
         mesh = drop_small_pieces(&mesh, params.min_piece_share);
     }
     Ok(if params.fill_holes { fill_holes(&mesh) } else { mesh })
+}
+
+fn ascending(radii: &[f64]) -> Vec<f64> {
+    let mut radii = radii.to_vec();
+    radii.sort_unstable_by(f64::total_cmp);
+    radii.dedup();
+    radii
+}
+
+fn chosen_radii(points: &[Point], bridge: bool) -> Vec<f64> {
+    let spacing = median_spacing(points);
+    let mut radii: Vec<f64> = DEFAULT_RADII.iter().map(|k| k * spacing).collect();
+    let largest = Aabb::of(points).map_or(0.0, |b| BRIDGE_SHARE * b.diagonal());
+    let mut radius = radii[DEFAULT_RADII.len() - 1] * 2.0;
+    while bridge && spacing > 0.0 && radius <= largest {
+        radii.push(radius);
+        radius *= 2.0;
+    }
+    radii
 }
 
 /// A ball of one radius and the points it rolls over.
@@ -309,6 +323,21 @@ mod tests {
         assert!(t.is_watertight() && t.is_vertex_manifold() && t.components == 1, "{t:?}");
         // A sphere without its cap below z = −1/2: π (2/3 + 1/2 − 1/24).
         assert!((mesh.volume() / (PI * 27.0 / 24.0) - 1.0).abs() < 0.03, "{}", mesh.volume());
+    }
+
+    #[test]
+    fn islands_are_bridged_when_closing() {
+        // Caps of 20° round the six axes: gaps of 50°, far beyond six spacings.
+        let sphere = fibonacci_sphere(8000);
+        let cloud = sphere.filtered(|i| sphere.points[i].coords.amax() > 20.0_f64.to_radians().cos());
+        let open = Topology::of(&ball_pivoting(&cloud, &BallPivotingParams::default()).expect("meshes"));
+        assert_eq!((open.components, open.boundary_loops), (6, 6));
+        let params = BallPivotingParams { fill_holes: true, ..Default::default() };
+        let mesh = ball_pivoting(&cloud, &params).expect("meshes");
+        let t = Topology::of(&mesh);
+        assert!(t.is_watertight() && t.components == 1, "{t:?}");
+        // The convex hull of the caps holds 77.3 % of the ball (Qhull).
+        assert!((mesh.volume() / (4.0 / 3.0 * PI) - 0.773).abs() < 0.02, "{}", mesh.volume());
     }
 
     #[test]
