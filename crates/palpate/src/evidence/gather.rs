@@ -85,7 +85,7 @@ fn seen_samples(frame: &Frame, visible: &Visible, params: &EvidenceParams) -> Ve
         let normal = Vector::from(visible.normals[(row, col)].map(f64::from));
         let Some(normal) = normal.try_normalize(1e-6) else { continue };
         let incidence = (-normal.dot(&ray) / ray.norm()).clamp(0.25, 1.0);
-        let sigma = params.seen_sigma_share * frame.noise.sigma_at(z) / incidence;
+        let sigma = params.seen_sigma_share * frame.noise.or_typical().sigma_at(z) / incidence;
         samples.push(Sample {
             position: frame.world_from_camera * Point::from(ray * z),
             normal: frame.world_from_camera * normal,

@@ -1,43 +1,45 @@
 use super::rays::UNKNOWN;
-use crate::geometry::{Aabb, KdTree, Point, Vector};
+use crate::geometry::{Aabb, Isometry, Point, Raster};
 use crate::tactile::Patch;
 
 /// The free space that untouched gel proves: a layer on the sensor's side of the gel surface.
 pub(super) struct PadClearance {
     pads: Vec<Pad>,
+    bounds: Option<Aabb>,
     thickness: f64,
 }
 
+/// One touch's untouched gel as a height map in the sensor frame, NaN where the gel touches or there is no gel.
 struct Pad {
-    tree: KdTree,
-    points: Vec<Point>,
-    press: Vector,
-    /// Half the distance of neighbouring points: beside a point farther than that lies no gel.
-    reach: f64,
-    bounds: Aabb,
+    sensor_from_world: Isometry,
+    corner: [f64; 2],
+    gel: Raster<f32>,
+    center: Point,
+    squared_radius: f64,
 }
 
-/// Gel points are thinned to this spacing, metres: the layer is millimetres thick.
-const SPACING: f64 = 0.0008;
+/// Cell of the height map, metres: coarser than the spacing of lifted clearance points, so that it has no holes.
+const CELL: f64 = 0.002;
 /// The gel surface itself is uncertain by its own noise, metres.
 const MARGIN: f64 = 0.0003;
+/// No pad is wider than this, metres; a patch that claims so holds a stray point.
+const WIDEST: f64 = 0.1;
 
 impl PadClearance {
     pub(super) fn new(patches: &[Patch], thickness: f64) -> Self {
-        let pads = patches
-            .iter()
-            .filter_map(|patch| {
-                let points = thinned(&patch.clearance);
-                let bounds = Aabb::of(&points)?.inflated(thickness + 2.0 * SPACING);
-                Some(Pad { tree: KdTree::new(&points), points, press: patch.press_direction(), reach: SPACING, bounds })
-            })
-            .collect();
-        Self { pads, thickness }
+        let pads: Vec<Pad> = patches.iter().filter_map(|patch| Pad::new(patch, thickness)).collect();
+        let bounds = pads.iter().map(|p| Aabb { min: p.center, max: p.center }.inflated(p.squared_radius.sqrt()));
+        Self { bounds: bounds.reduce(|a, b| a.union(&b)), pads, thickness }
     }
 
     /// How far behind the gel surface `p` lies, metres, at most the layer's thickness; ≤ 0 outside every layer.
+    #[inline]
     pub(super) fn clearance(&self, p: &Point) -> f64 {
-        self.pads.iter().map(|pad| pad.clearance(p, self.thickness)).fold(UNKNOWN, f64::max)
+        if !self.bounds.is_some_and(|b| b.contains(p)) {
+            return UNKNOWN;
+        }
+        let near = self.pads.iter().filter(|pad| (p - pad.center).norm_squared() < pad.squared_radius);
+        near.map(|pad| pad.clearance(p, self.thickness)).fold(UNKNOWN, f64::max)
     }
 
     pub(super) fn is_empty(&self) -> bool {
@@ -46,33 +48,45 @@ impl PadClearance {
 }
 
 impl Pad {
+    fn new(patch: &Patch, thickness: f64) -> Option<Self> {
+        let sensor_from_world = patch.world_from_sensor.inverse();
+        let finite = patch.clearance.iter().filter(|p| p.iter().all(|c| c.is_finite()));
+        let local: Vec<Point> = finite.map(|p| sensor_from_world * p).collect();
+        let bounds = Aabb::of(&local).filter(|b| b.size().max() < WIDEST)?;
+        let cells = |length: f64| (length / CELL).floor() as usize + 1;
+        let mut gel = Raster::filled(cells(bounds.size().y), cells(bounds.size().x), f32::NAN);
+        for p in &local {
+            let (row, col) = (((p.y - bounds.min.y) / CELL) as usize, ((p.x - bounds.min.x) / CELL) as usize);
+            // The farthest point of a cell from the object: what is behind it is behind all of the cell's gel.
+            gel[(row, col)] = gel[(row, col)].min(p.z as f32);
+        }
+        // Where the object dents the gel of a cell, nothing is claimed for the whole cell.
+        for p in &patch.points {
+            let p = sensor_from_world * p;
+            let (x, y) = ((p.x - bounds.min.x) / CELL, (p.y - bounds.min.y) / CELL);
+            if x >= 0.0 && y >= 0.0 && gel.get(y as usize, x as usize).is_some() {
+                gel[(y as usize, x as usize)] = f32::NAN;
+            }
+        }
+        Some(Self {
+            sensor_from_world,
+            corner: [bounds.min.x, bounds.min.y],
+            gel,
+            center: patch.world_from_sensor * bounds.center(),
+            squared_radius: (0.5 * bounds.diagonal() + thickness).powi(2),
+        })
+    }
+
     fn clearance(&self, p: &Point, thickness: f64) -> f64 {
-        if !self.bounds.contains(p) {
+        let p = self.sensor_from_world * p;
+        let (x, y) = ((p.x - self.corner[0]) / CELL, (p.y - self.corner[1]) / CELL);
+        if x < 0.0 || y < 0.0 {
             return UNKNOWN;
         }
-        // Go back along the press to the gel: the nearest gel point of a point behind a slope is not the one it lies behind.
-        let mut foot = *p;
-        for _ in 0..2 {
-            let Some((i, _)) = self.tree.nearest(&foot) else { return UNKNOWN };
-            foot += self.press * (self.points[i] - foot).dot(&self.press);
-        }
-        let behind = (foot - p).dot(&self.press);
-        let beside = self.tree.nearest(&foot).map_or(f64::INFINITY, |(_, d)| d);
-        if beside > self.reach || behind > thickness { UNKNOWN } else { (behind - MARGIN).max(UNKNOWN) }
+        let Some(gel) = self.gel.get(y as usize, x as usize).filter(|g| g.is_finite()) else { return UNKNOWN };
+        let behind = f64::from(*gel) - p.z;
+        if behind > thickness { UNKNOWN } else { (behind - MARGIN).max(UNKNOWN) }
     }
-}
-
-/// One point per cell of [`SPACING`], the first in order.
-fn thinned(points: &[Point]) -> Vec<Point> {
-    let mut keyed: Vec<([i64; 3], usize)> = points
-        .iter()
-        .enumerate()
-        .filter(|(_, p)| p.iter().all(|c| c.is_finite()))
-        .map(|(i, p)| ([0, 1, 2].map(|a| (p[a] / SPACING).floor() as i64), i))
-        .collect();
-    keyed.sort_unstable();
-    keyed.dedup_by_key(|k| k.0);
-    keyed.into_iter().map(|(_, i)| points[i]).collect()
 }
 
 #[cfg(test)]
@@ -81,19 +95,26 @@ mod tests {
     use crate::geometry::Isometry;
 
     /// A 10 × 10 mm pad that presses along +z at z = 0 and touches nothing.
-    fn pad() -> PadClearance {
+    fn pad(points: Vec<Point>) -> PadClearance {
         let clearance = (0..441).map(|i| Point::new(f64::from(i % 21) * 5e-4, f64::from(i / 21) * 5e-4, 0.0)).collect();
-        let patch = Patch { points: vec![], normals: vec![], clearance, world_from_sensor: Isometry::identity() };
+        let patch = Patch { points, normals: vec![], clearance, world_from_sensor: Isometry::identity() };
         PadClearance::new(&[patch], 0.003)
     }
 
     #[test]
     fn the_sensor_side_is_free_and_the_object_side_is_not() {
-        let pad = pad();
+        let pad = pad(vec![]);
         let at = |x: f64, z: f64| pad.clearance(&Point::new(x, 0.005, z));
         assert!((at(0.005, -0.002) - 0.0017).abs() < 1e-9, "2 mm behind the gel less the margin");
         assert!(at(0.005, 0.001) <= 0.0, "in front of the gel nothing is known");
         assert!(at(0.005, -0.004) <= 0.0, "beyond the layer nothing is claimed");
         assert!(at(0.013, -0.002) <= 0.0, "beside the pad nothing is known");
+    }
+
+    #[test]
+    fn nothing_is_claimed_where_the_object_dents_the_gel() {
+        let pad = pad(vec![Point::new(0.005, 0.005, -0.001)]);
+        assert!(pad.clearance(&Point::new(0.0055, 0.0055, -0.002)) <= 0.0);
+        assert!(pad.clearance(&Point::new(0.001, 0.001, -0.002)) > 0.0);
     }
 }

@@ -1,18 +1,23 @@
 use super::element::{Motion, SymmetryElement};
-use super::estimate::{Hypothesis, Rejection};
+use super::estimate::{Hypothesis, Rejection, hypothesis};
 use super::params::SymmetryParams;
 use super::planes::same;
+use super::refine::refine_perpendicular;
 use super::score::{Score, Scorer, Tolerances};
 use crate::geometry::{Plane, Vector};
 
 /// Two refined planes closer than this are one: cosine of the normals and offset at the centroid, metres.
 const SAME_COSINE: f64 = 0.995;
 const SAME_OFFSET: f64 = 0.004;
+/// Planes count as perpendicular below this cosine and as parallel above that one.
+const PERPENDICULAR: f64 = 0.17;
+const PARALLEL: f64 = 0.97;
 
 /// Whether the evidence accepts an element with this score; else why not.
 ///
 /// Support only excludes "nothing lands anywhere"; what tells right from wrong is the opposition, which a right element hardly has.
-pub(super) fn judge(element: &SymmetryElement, score: &Score, params: &SymmetryParams) -> Option<Rejection> {
+pub(super) fn judge(scorer: &Scorer, element: &SymmetryElement, score: &Score) -> Option<Rejection> {
+    let params = scorer.params;
     let (least, ratio) = match element {
         SymmetryElement::Reflection(_) => (params.plane_support, params.plane_ratio),
         _ => (params.axis_support, params.axis_ratio),
@@ -21,7 +26,20 @@ pub(super) fn judge(element: &SymmetryElement, score: &Score, params: &SymmetryP
         return Some(Rejection::LittleSupport { needed: least });
     }
     let allowed = ratio * score.informative + params.slack;
-    (score.opposition() >= allowed).then_some(Rejection::Opposed { allowed })
+    if score.opposition() >= allowed {
+        return Some(Rejection::Opposed { allowed });
+    }
+    match element {
+        SymmetryElement::Reflection(_) => {
+            let allowed = params.felt_opposition;
+            (score.felt_opposition > allowed).then_some(Rejection::Felt { allowed })
+        }
+        SymmetryElement::Axis { point, direction, .. } => {
+            let share = scorer.misfits(point, direction);
+            (share > params.misfits).then_some(Rejection::Misfits { share })
+        }
+        SymmetryElement::Sphere { .. } => None,
+    }
 }
 
 /// 0–1: how much support there is, less what opposition takes of what is allowed.
@@ -34,8 +52,10 @@ pub(super) fn confidence(element: &SymmetryElement, score: &Score, params: &Symm
 /// Keeps the planes that agree with one another, the least opposed first.
 ///
 /// An object that is exact in one plane is exact in its others, so a plane that is neither parallel nor perpendicular to a kept one is
-/// dropped if it is clearly more opposed, or if the rotation that the two imply is opposed. Planes through an accepted axis are spared:
-/// a body of revolution is symmetric in all of them. (A box with a nearly square base has a diagonal plane that is almost right.)
+/// dropped if it is clearly more opposed, or if the rotation that the two imply is opposed. Of two almost parallel planes only one can be
+/// right. Planes through an accepted axis are spared: a body of revolution is symmetric in all of them. (A box with a nearly square base
+/// has a diagonal plane that is almost right.) A plane almost perpendicular to kept ones is made so if that costs it no score: the
+/// plane that faces the camera has little support of its own.
 pub(super) fn resolve_conflicts(
     scorer: &Scorer,
     mut planes: Vec<Hypothesis>,
@@ -48,6 +68,12 @@ pub(super) fn resolve_conflicts(
         if planes[i].rejection.is_some() {
             continue;
         }
+        if axis.is_none() {
+            let fixed: Vec<Plane> = kept.iter().filter_map(|&k| plane_of(&planes[k])).collect();
+            if let Some(h) = squared(scorer, &planes[i], &fixed) {
+                planes[i] = h;
+            }
+        }
         let conflict = kept.iter().copied().find_map(|k| conflict(scorer, &planes[i], &planes[k], axis));
         match conflict {
             Some(rejection) => planes[i].rejection = Some(rejection),
@@ -56,6 +82,22 @@ pub(super) fn resolve_conflicts(
         }
     }
     planes
+}
+
+fn plane_of(h: &Hypothesis) -> Option<Plane> {
+    if let SymmetryElement::Reflection(plane) = h.element { Some(plane) } else { None }
+}
+
+/// The hypothesis made exactly perpendicular to the nearly perpendicular ones of `fixed`, if it keeps its score and its acceptance.
+fn squared(scorer: &Scorer, h: &Hypothesis, fixed: &[Plane]) -> Option<Hypothesis> {
+    let plane = plane_of(h)?;
+    let normals: Vec<Vector> =
+        fixed.iter().map(|f| f.normal.into_inner()).filter(|n| n.dot(&plane.normal).abs() < PERPENDICULAR).collect();
+    let first = *normals.first()?;
+    let (element, score) = refine_perpendicular(scorer, &plane, &first, normals.get(1))?;
+    let squared = hypothesis(scorer, element, score);
+    let kept = score.value() > 0.95 * h.score.value() - 0.005;
+    (kept && squared.rejection.is_none()).then_some(squared)
 }
 
 fn conflict(scorer: &Scorer, new: &Hypothesis, old: &Hypothesis, axis: Option<&Vector>) -> Option<Rejection> {
@@ -67,8 +109,11 @@ fn conflict(scorer: &Scorer, new: &Hypothesis, old: &Hypothesis, axis: Option<&V
     }
     let cosine = p.normal.dot(&q.normal).abs();
     let contains = |plane: &Plane| axis.is_some_and(|a| plane.normal.dot(a).abs() < 0.2);
-    if !(0.17..0.97).contains(&cosine) || (contains(p) && contains(q)) {
+    if cosine < PERPENDICULAR || (contains(p) && contains(q)) {
         return None;
+    }
+    if cosine > PARALLEL {
+        return Some(Rejection::Redundant);
     }
     if new.score.opposition() > 3.0 * old.score.opposition() + 0.015 {
         return Some(Rejection::Conflict { with: *q });

@@ -37,6 +37,7 @@ impl Symmetry {
 
 /// Why a hypothesis was dropped.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[non_exhaustive]
 pub enum Rejection {
     /// Hardly anything lands on a measured surface.
     LittleSupport {
@@ -47,6 +48,16 @@ pub enum Rejection {
     Opposed {
         /// Violation and contradiction allowed for its support.
         allowed: f64,
+    },
+    /// Touches contradict it, however well the seen side agrees.
+    Felt {
+        /// Violation and contradiction allowed of the felt samples.
+        allowed: f64,
+    },
+    /// Too much of the object leaves the body of revolution.
+    Misfits {
+        /// Share of the samples that does.
+        share: f64,
     },
     /// It disagrees with a better plane.
     Conflict {
@@ -160,9 +171,9 @@ fn refined_planes(scorer: &Scorer, candidates: &[Plane]) -> Vec<(Plane, Score)> 
     kept
 }
 
-fn hypothesis(scorer: &Scorer, element: SymmetryElement, score: Score) -> Hypothesis {
+pub(super) fn hypothesis(scorer: &Scorer, element: SymmetryElement, score: Score) -> Hypothesis {
     let params = scorer.params;
-    let rejection = judge(&element, &score, params);
+    let rejection = judge(scorer, &element, &score);
     let covariance = if rejection.is_none() { covariance(scorer, &element) } else { None };
     Hypothesis { element, score, confidence: confidence(&element, &score, params), covariance, rejection }
 }
@@ -195,7 +206,7 @@ fn across(view: &Vector) -> Unit<Vector> {
 mod tests {
     use super::*;
     use crate::evidence::EvidenceParams;
-    use crate::evidence::testing::{Solid, view};
+    use crate::evidence::testing::{Solid, touch, view};
     use crate::tactile::Patch;
 
     fn evidence(solids: &[Solid], patches: &[Patch]) -> Evidence {
@@ -271,6 +282,25 @@ mod tests {
         let upright: Vec<_> = symmetry.planes().filter(|p| p.normal.z.abs() < 0.3).collect();
         assert!(upright.is_empty(), "accepted {upright:?}");
         assert!(!symmetry.rejected.is_empty() && symmetry.rejected.iter().all(|h| h.rejection.is_some()));
+    }
+
+    #[test]
+    fn a_touch_on_the_hidden_side_rejects_a_plane_that_it_contradicts() {
+        // From the front this is a box; a step as wide as it is hides behind it.
+        let (center, half, yaw) = (Point::new(0.0, 0.0, 0.03), Vector::new(0.02, 0.04, 0.03), 20.0_f64.to_radians());
+        let (front, side) = (Vector::new(yaw.cos(), yaw.sin(), 0.0), Vector::new(-yaw.sin(), yaw.cos(), 0.0));
+        let step = Point::from(Vector::z() * 0.014 - front * 0.034);
+        let solids = [Solid::Box(center, half, yaw), Solid::Box(step, Vector::new(0.014, 0.036, 0.014), yaw)];
+        let across = |s: &Symmetry| s.planes().any(|p| p.normal.dot(&front).abs() > 0.95);
+        assert!(across(&estimate(&solids, &[])), "nothing seen speaks against the plane between front and back");
+        let touches: Vec<Patch> = [-0.025, -0.01, 0.01, 0.025]
+            .iter()
+            .flat_map(|&y| {
+                let to = step + side * y;
+                [touch(&solids, to - front * 0.1, to), touch(&solids, to + Vector::z() * 0.1, to)]
+            })
+            .collect();
+        assert!(!across(&estimate(&solids, &touches)), "the touched step has no mate on the seen front");
     }
 
     #[test]

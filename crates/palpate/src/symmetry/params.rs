@@ -54,6 +54,11 @@ pub struct SymmetryParams {
     pub axis_ratio: f64,
     /// Opposition allowed whatever the support.
     pub slack: f64,
+    /// Opposition allowed of the felt samples alone, for planes. Larger: touches that contradict a plane are outvoted by what is seen. A right
+    /// plane has a few hundredths, an approximate one a tenth.
+    pub felt_opposition: f64,
+    /// Share of samples that may leave a body of revolution: handles and spouts. Larger: boxes with a square base pass as cylinders.
+    pub misfits: f64,
     /// At most this many planes are accepted: composed, more add nothing.
     pub planes: usize,
 }
@@ -75,9 +80,11 @@ impl Default for SymmetryParams {
             informative_distance: 0.012,
             plane_support: 0.04,
             axis_support: 0.15,
-            plane_ratio: 0.20,
+            plane_ratio: 0.15,
             axis_ratio: 0.25,
             slack: 0.01,
+            felt_opposition: 0.25,
+            misfits: 0.35,
             planes: 4,
         }
     }
@@ -106,6 +113,8 @@ impl SymmetryParams {
             ("plane_ratio", self.plane_ratio),
             ("axis_ratio", self.axis_ratio),
             ("slack", self.slack),
+            ("felt_opposition", self.felt_opposition),
+            ("misfits", self.misfits),
         ];
         for (field, value) in shares {
             if !(0.0..=1.0).contains(&value) {

@@ -1,6 +1,6 @@
 use super::element::{SymmetryElement, tangents, tilted};
 use super::score::{Score, Scorer, Tolerances};
-use crate::geometry::Plane;
+use crate::geometry::{Plane, Vector};
 use nalgebra::{DMatrix, DVector};
 
 /// Steps of the pattern search, radians (and, times the object's radius, metres): coarse tolerances down to the second, fine ones to the last.
@@ -57,29 +57,61 @@ fn units(scorer: &Scorer, element: &SymmetryElement) -> Vec<f64> {
 /// Climbs the score by a pattern search: a step up or down in each parameter, halved when none helps.
 pub(super) fn refine(scorer: &Scorer, start: &SymmetryElement) -> (SymmetryElement, Score) {
     let params = scorer.params;
-    let coarse = climb(scorer, start, &Tolerances::coarse(params), params.search_samples, STEPS[0], STEPS[1]);
-    let fine = climb(scorer, &coarse, &Tolerances::fine(params), params.refine_samples, STEPS[1], STEPS[2]);
+    let axes: Vec<[f64; 4]> = units(scorer, start)
+        .iter()
+        .enumerate()
+        .map(|(i, unit)| std::array::from_fn(|k| if k == i { *unit } else { 0.0 }))
+        .collect();
+    let coarse = climb(scorer, start, &Tolerances::coarse(params), params.search_samples, [STEPS[0], STEPS[1]], &axes);
+    let fine = climb(scorer, &coarse, &Tolerances::fine(params), params.refine_samples, [STEPS[1], STEPS[2]], &axes);
     (fine, scorer.score(&fine, &Tolerances::fine(params), params.refine_samples))
 }
 
+/// The best plane near `start` that is perpendicular to one or two directions.
+pub(super) fn refine_perpendicular(
+    scorer: &Scorer,
+    start: &Plane,
+    first: &Vector,
+    second: Option<&Vector>,
+) -> Option<(SymmetryElement, Score)> {
+    let params = scorer.params;
+    let across = |n: Vector| match second {
+        Some(second) => first.cross(second) * first.cross(second).dot(&n),
+        None => n - first * first.dot(&n),
+    };
+    let foot = scorer.centroid - start.normal.into_inner() * start.signed_distance(&scorer.centroid);
+    let start = SymmetryElement::Reflection(Plane::new(across(start.normal.into_inner()), &foot)?);
+    let SymmetryElement::Reflection(plane) = &start else { return None };
+    let (u, v) = tangents(&plane.normal);
+    let mut axes = vec![[0.0, 0.0, scorer.radius, 0.0]];
+    if second.is_none() {
+        axes.push([first.dot(&u), first.dot(&v), 0.0, 0.0]);
+    }
+    let fine = Tolerances::fine(params);
+    let best = climb(scorer, &start, &fine, params.refine_samples, [STEPS[0], STEPS[2]], &axes);
+    let SymmetryElement::Reflection(plane) = &best else { return None };
+    // Finite steps leave the constraint by their square; put the normal back.
+    let foot = scorer.centroid - plane.normal.into_inner() * plane.signed_distance(&scorer.centroid);
+    let best = SymmetryElement::Reflection(Plane::new(across(plane.normal.into_inner()), &foot)?);
+    Some((best, scorer.score(&best, &fine, params.refine_samples)))
+}
+
+/// Steps along `axes`, which hold the change of the parameters of [`perturbed`] per unit step.
 fn climb(
     scorer: &Scorer,
     start: &SymmetryElement,
     tolerances: &Tolerances,
     votes: usize,
-    from: f64,
-    to: f64,
+    [from, to]: [f64; 2],
+    axes: &[[f64; 4]],
 ) -> SymmetryElement {
-    let units = units(scorer, start);
     let (mut best, mut value) = (*start, scorer.score(start, tolerances, votes).value());
     let mut step = from;
     while step > to {
         let mut improved = false;
-        for (i, unit) in units.iter().enumerate() {
+        for axis in axes {
             for sign in [1.0, -1.0] {
-                let mut d = [0.0; 4];
-                d[i] = sign * step * unit;
-                let candidate = perturbed(scorer, &best, &d);
+                let candidate = perturbed(scorer, &best, &axis.map(|a| a * sign * step));
                 let score = scorer.score(&candidate, tolerances, votes).value();
                 if score > value + 1e-9 {
                     (best, value, improved) = (candidate, score, true);

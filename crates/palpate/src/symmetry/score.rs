@@ -1,6 +1,6 @@
 use super::element::{Motion, SymmetryElement};
 use super::params::SymmetryParams;
-use crate::evidence::{Evidence, Sample};
+use crate::evidence::{Evidence, Provenance, Sample};
 use crate::geometry::{Point, Vector};
 use nalgebra::{Rotation3, Unit};
 use rand::SeedableRng as _;
@@ -20,6 +20,8 @@ pub struct Score {
     pub contradiction: f64,
     /// Share that lands where nothing is known: what the hypothesis would add.
     pub neutral: f64,
+    /// Violation and contradiction of the felt samples alone; 0 without touches. Touches are few, and each is exact.
+    pub felt_opposition: f64,
 }
 
 impl Score {
@@ -41,6 +43,7 @@ impl Score {
             violation: sum.violation / n,
             contradiction: sum.contradiction / n,
             neutral: sum.neutral / n,
+            felt_opposition: sum.felt_opposition,
         }
     }
 }
@@ -85,6 +88,8 @@ const AGREEMENT_RANGE: f64 = 0.35;
 const PAD_DEPTH: f64 = 0.004;
 /// Edge of the cell in which one sample per direction votes, metres: touch patches are dense and must not dominate.
 const VOTE_CELL: f64 = 0.004;
+/// Fewer felt votes than this weigh less on their own.
+const LEAST_FELT: f64 = 12.0;
 /// Length of the table of rotations for axes and spheres.
 const TURNS: usize = 64;
 
@@ -173,15 +178,37 @@ impl<'a> Scorer<'a> {
         moved: impl Fn(usize, &Sample) -> (Point, Vector),
     ) -> Option<Score> {
         let mut sum = Score::default();
-        let count = count.min(self.votes.len());
+        let (count, mut felt) = (count.min(self.votes.len()), 0.0_f64);
         for (k, s) in self.votes[..count].iter().enumerate() {
             let (p, n) = moved(k, s);
+            let before = sum.opposition();
             self.vote(&mut sum, tolerances, &s.position, &p, &n);
+            if s.provenance != Provenance::Seen {
+                felt += 1.0;
+                sum.felt_opposition += sum.opposition() - before;
+            }
             if k % 32 == 31 && Score::mean(&sum, (k + 1) as f64).value() < floor {
                 return None;
             }
         }
-        Some(Score::mean(&sum, count as f64))
+        let felt_opposition = sum.felt_opposition / felt.max(LEAST_FELT);
+        Some(Score { felt_opposition, ..Score::mean(&sum, count as f64) })
+    }
+
+    /// Share of the votes of which more than an eighth of the turns about an axis end in free space.
+    ///
+    /// On a body of revolution with a handle these are the handle's; on a box with a square base, nearly all.
+    pub(super) fn misfits(&self, point: &Point, direction: &Unit<Vector>) -> f64 {
+        let motions: Vec<Motion> = self
+            .turns
+            .iter()
+            .step_by(4)
+            .map(|(sin, cos)| Motion::rotation(point, direction, sin.atan2(*cos)))
+            .collect();
+        let votes = &self.votes[..self.votes.len().min(300)];
+        let free = |p: Point| self.evidence.free_space.clearance(&p) > self.params.violation_tolerance;
+        let misfit = |s: &&Sample| motions.iter().filter(|m| free(m.point(&s.position))).count() * 8 > motions.len();
+        votes.iter().filter(misfit).count() as f64 / votes.len().max(1) as f64
     }
 
     /// Adds the vote of one sample that moved from `before` to `p` with normal `n`.

@@ -1,9 +1,231 @@
 use crate::Outcome;
+use anyhow::Context as _;
+use palpate::camera::{SegmentParams, segment_object};
+use palpate::evidence::{Evidence, EvidenceParams};
+use palpate::io;
+use palpate::scene::Scene;
+use palpate::symmetry::{
+    EvidenceSearch, Hypothesis, Rejection, SymmetryElement, SymmetryEstimator as _, SymmetryParams,
+};
+use palpate::tactile::{LiftParams, Patch, lift};
+use serde::Serialize;
+use std::path::PathBuf;
+
+const EXAMPLES: &str = "\
+Examples:
+  palpate symmetry scene
+  palpate symmetry scene --max-touches 0 --json
+
+Every seen and felt sample is moved by a hypothesis and looked up: `support` is the share that lands on a measured surface from
+elsewhere, `against` what lands in free space or beside a surface, `new` the share that lands where nothing is known.
+Accepting none is an answer.";
 
 #[derive(clap::Args)]
-pub(crate) struct Args {}
+#[command(after_help = EXAMPLES)]
+pub(crate) struct Args {
+    /// Scene folder.
+    #[arg(value_name = "SCENE")]
+    scene: PathBuf,
+    /// Print one JSON object instead of a table.
+    #[arg(long)]
+    json: bool,
+    /// Use only the first N touches.
+    #[arg(long, value_name = "N")]
+    max_touches: Option<usize>,
+    /// A pixel on the object, where the scene has no mask.
+    #[arg(long, value_parser = parse_pixel, value_name = "U,V")]
+    pick: Option<(f64, f64)>,
+    /// Seed of the subsamples.
+    #[arg(long, default_value_t = 0, value_name = "N")]
+    seed: u64,
+}
 
-pub(crate) fn run(_args: Args) -> anyhow::Result<Outcome> {
-    let _ = (Outcome::Done, Outcome::Degraded);
-    anyhow::bail!("not built yet")
+fn parse_pixel(text: &str) -> Result<(f64, f64), String> {
+    let number = |s: &str| s.trim().parse::<f64>().ok().filter(|x| x.is_finite());
+    let pair = text.split_once(',').and_then(|(u, v)| Some((number(u)?, number(v)?)));
+    pair.ok_or_else(|| format!("'{text}' is not a pixel U,V"))
+}
+
+#[derive(Serialize)]
+struct Report<'a> {
+    name: &'a str,
+    samples: usize,
+    touches: usize,
+    accepted: Vec<Entry>,
+    rejected: Vec<Entry>,
+}
+
+#[derive(Serialize)]
+struct Entry {
+    kind: &'static str,
+    /// Plane normal or axis direction, world frame.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    direction: Option<[f64; 3]>,
+    /// normal · x = offset, metres.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    offset: Option<f64>,
+    /// Point of an axis or centre of a sphere, metres.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    point: Option<[f64; 3]>,
+    /// Rotations of an axis; absent = continuous.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    order: Option<u32>,
+    confidence: f64,
+    support: f64,
+    informative_support: f64,
+    violation: f64,
+    contradiction: f64,
+    neutral: f64,
+    /// Violation and contradiction of the felt samples alone.
+    felt_opposition: f64,
+    /// Row by row; parameters as the library documents them.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    covariance: Option<Vec<Vec<f64>>>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    reason: Option<String>,
+}
+
+pub(crate) fn run(args: Args) -> anyhow::Result<Outcome> {
+    let file = io::read_scene(&args.scene).with_context(|| format!("reading {}", args.scene.display()))?;
+    for warning in &file.warnings {
+        eprintln!("palpate: {warning}");
+    }
+    let scene = file.scene;
+    let segment = SegmentParams { pick: args.pick, ..SegmentParams::default() };
+    let visible = segment_object(&scene.frame, &segment).context("finding the object")?;
+    let (patches, lost) = lift_touches(&scene, args.max_touches.unwrap_or(usize::MAX));
+    let params = EvidenceParams {
+        pose_sigma_translation: scene.pose_sigma.translation,
+        pose_sigma_rotation: scene.pose_sigma.rotation,
+        ..EvidenceParams::default()
+    };
+    let evidence = Evidence::gather(&scene.frame, &visible, &patches, &params).context("gathering evidence")?;
+    let search = EvidenceSearch { params: SymmetryParams { seed: args.seed, ..SymmetryParams::default() } };
+    let symmetry = search.estimate(&evidence);
+    let report = Report {
+        name: &scene.name,
+        samples: evidence.samples.len(),
+        touches: patches.len(),
+        accepted: symmetry.accepted.iter().map(Entry::new).collect(),
+        rejected: symmetry.rejected.iter().map(Entry::new).collect(),
+    };
+    if args.json {
+        println!("{}", serde_json::to_string_pretty(&report)?);
+    } else {
+        print_table(&report);
+    }
+    Ok(if lost == 0 { Outcome::Done } else { Outcome::Degraded })
+}
+
+/// The patches of the first `count` touches, and how many touches had to be left out.
+fn lift_touches(scene: &Scene, count: usize) -> (Vec<Patch>, usize) {
+    let Some(sensor) = &scene.sensor else { return (Vec::new(), 0) };
+    let (mut patches, mut lost) = (Vec::new(), 0);
+    for (i, touch) in scene.touches.iter().take(count).enumerate() {
+        let lifted = match &touch.contact {
+            Some(contact) => {
+                lift(contact, sensor, &touch.world_from_sensor, &LiftParams::default()).map_err(|e| e.to_string())
+            }
+            None => Err("it has no recorded height map and contact mask".to_owned()),
+        };
+        match lifted {
+            Ok(patch) => patches.push(patch),
+            Err(reason) => {
+                eprintln!("palpate: touch {i} is left out: {reason}");
+                lost += 1;
+            }
+        }
+    }
+    (patches, lost)
+}
+
+impl Entry {
+    fn new(h: &Hypothesis) -> Self {
+        let (direction, offset, point, order) = match &h.element {
+            SymmetryElement::Reflection(p) => (Some(p.normal.into_inner().into()), Some(p.offset), None, None),
+            SymmetryElement::Axis { point, direction, order } => {
+                (Some(direction.into_inner().into()), None, Some(point.coords.into()), *order)
+            }
+            SymmetryElement::Sphere { center } => (None, None, Some(center.coords.into()), None),
+        };
+        Self {
+            kind: h.element.kind(),
+            direction,
+            offset,
+            point,
+            order,
+            confidence: h.confidence,
+            support: h.score.support,
+            informative_support: h.score.informative,
+            violation: h.score.violation,
+            contradiction: h.score.contradiction,
+            neutral: h.score.neutral,
+            felt_opposition: h.score.felt_opposition,
+            covariance: h.covariance.as_ref().map(|c| c.row_iter().map(|r| r.iter().copied().collect()).collect()),
+            reason: h.rejection.map(reason),
+        }
+    }
+}
+
+fn reason(rejection: Rejection) -> String {
+    match rejection {
+        Rejection::LittleSupport { needed } => format!("too little support ({needed:.2} needed)"),
+        Rejection::Opposed { allowed } => format!("opposed (at most {allowed:.3} allowed)"),
+        Rejection::Felt { allowed } => format!("touches contradict it (at most {allowed:.2} of theirs allowed)"),
+        Rejection::Misfits { share } => format!("{:.0} % of the samples are not part of such a body", share * 100.0),
+        Rejection::Conflict { with } => {
+            let n = with.normal;
+            format!("in conflict with the plane of normal ({:.2}, {:.2}, {:.2})", n.x, n.y, n.z)
+        }
+        Rejection::Redundant => "adds nothing to the accepted ones".to_owned(),
+        other => format!("{other:?}"),
+    }
+}
+
+fn print_table(report: &Report) {
+    println!(
+        "{}: {} samples, {} touches, {} accepted",
+        report.name,
+        report.samples,
+        report.touches,
+        report.accepted.len()
+    );
+    if !report.accepted.is_empty() || !report.rejected.is_empty() {
+        println!(
+            "{:10} {:>10} {:>8} {:>8} {:>6}  where (world, metres)",
+            "", "confidence", "support", "against", "new"
+        );
+    }
+    report.accepted.iter().for_each(print_row);
+    if !report.rejected.is_empty() {
+        println!("rejected:");
+        report.rejected.iter().for_each(print_row);
+    }
+}
+
+fn print_row(e: &Entry) {
+    let mut place = String::new();
+    if let Some([x, y, z]) = e.direction {
+        let name = if e.offset.is_some() { "normal" } else { "direction" };
+        place += &format!("{name} ({x:.3}, {y:.3}, {z:.3}) ");
+    }
+    if let Some(offset) = e.offset {
+        place += &format!("offset {offset:.4} ");
+    }
+    if let Some([x, y, z]) = e.point {
+        place += &format!("{} ({x:.4}, {y:.4}, {z:.4}) ", if e.direction.is_some() { "through" } else { "centre" });
+    }
+    if let Some(reason) = &e.reason {
+        place += &format!("- {reason}");
+    }
+    let against = e.violation + e.contradiction;
+    println!(
+        "{:10} {:10.2} {:8.3} {:8.3} {:6.2}  {}",
+        e.kind,
+        e.confidence,
+        e.informative_support,
+        against,
+        e.neutral,
+        place.trim_end()
+    );
 }
