@@ -119,7 +119,7 @@ mod tests {
     fn symmetry(elements: &[SymmetryElement]) -> Symmetry {
         let hypothesis = |element: &SymmetryElement| Hypothesis {
             element: *element,
-            score: Score { support: 1.0, informative: 0.5, violation: 0.0, contradiction: 0.0, neutral: 0.0 },
+            score: Score { support: 1.0, informative: 0.5, ..Score::default() },
             confidence: 1.0,
             covariance: None,
             rejection: None,
