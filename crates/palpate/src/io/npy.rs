@@ -147,7 +147,8 @@ fn write_array<const N: usize>(
     shape: &[usize],
     mut values: impl Iterator<Item = [u8; N]>,
 ) -> Result<(), IoError> {
-    let axes: String = shape.iter().map(|n| format!("{n}, ")).collect();
+    // Python writes one axis as `(n,)`, which a trailing comma everywhere covers.
+    let axes = shape.iter().fold(String::new(), |text, n| text + &n.to_string() + ", ");
     let mut header = format!("{{'descr': '{descr}', 'fortran_order': False, 'shape': ({}), }}", axes.trim_end());
     // Data begins at a multiple of 64, after a line break (numpy.lib.format).
     let padding = (10 + header.len() + 1).next_multiple_of(64) - (10 + header.len() + 1);

@@ -269,10 +269,10 @@ impl Loader {
             match (&touch.image, &touch.height_map, &touch.contact_mask) {
                 (Some(_), None, None) | (_, Some(_), Some(_)) => {}
                 (Some(_), ..) => {
-                    self.warn(format!("{key}: height_map and contact_mask belong together; the image is used alone"))
+                    self.warn(format!("{key}: height_map and contact_mask belong together; the image is used alone"));
                 }
                 (None, ..) => {
-                    self.need(false, || format!("{key} needs image, or height_map with contact_mask, or both"))
+                    self.need(false, || format!("{key} needs image, or height_map with contact_mask, or both"));
                 }
             }
         }

@@ -1,5 +1,8 @@
 //! Every reader against changed, cut and lying files, and against the format crates of the field on good ones.
 
+#![allow(clippy::format_collect, reason = "small texts, read once")]
+#![allow(clippy::case_sensitive_file_extension_comparisons, reason = "the names are this file's own")]
+
 use palpate::geometry::{Point, PointCloud, Raster, TriangleMesh, Vector};
 use palpate::io::{
     parse_cloud, parse_color, parse_depth_png, parse_mask, parse_mesh, parse_npy, read_mesh, write_cloud, write_color,

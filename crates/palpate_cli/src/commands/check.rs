@@ -14,14 +14,15 @@ pub(crate) struct Args {
 }
 
 pub(crate) fn run(args: Args) -> anyhow::Result<Outcome> {
-    let check = check_scene(&args.scene);
+    let Args { scene: folder, json } = args;
+    let check = check_scene(&folder);
     let scene = check.scene.as_ref().map(|file| &file.scene);
     let (touches, warnings) = (scene.map(|s| s.touches.len()), check.warnings);
     // The alternate form of anyhow writes an error with its causes.
     let errors: Vec<String> = check.errors.into_iter().map(|e| format!("{:#}", anyhow::Error::from(e))).collect();
-    if args.json {
+    if json {
         let report = serde_json::json!({
-            "scene": args.scene,
+            "scene": folder,
             "ok": errors.is_empty(),
             "touches": touches,
             "errors": errors,
@@ -29,14 +30,18 @@ pub(crate) fn run(args: Args) -> anyhow::Result<Outcome> {
         });
         println!("{report:#}");
     } else {
-        errors.iter().for_each(|e| println!("wrong: {e}"));
-        warnings.iter().for_each(|w| println!("doubtful: {w}"));
+        for error in &errors {
+            println!("wrong: {error}");
+        }
+        for warning in &warnings {
+            println!("doubtful: {warning}");
+        }
         if let Some(touches) = touches {
-            println!("{}: can be reconstructed; touches: {touches}, doubts: {}", args.scene.display(), warnings.len());
+            println!("{}: can be reconstructed; touches: {touches}, doubts: {}", folder.display(), warnings.len());
         }
     }
     if !errors.is_empty() {
-        bail!("{}: wrong: {}, doubtful: {}", args.scene.display(), errors.len(), warnings.len());
+        bail!("{}: wrong: {}, doubtful: {}", folder.display(), errors.len(), warnings.len());
     }
     Ok(Outcome::Done)
 }
