@@ -21,6 +21,7 @@ mod scene_format;
 mod scene_write;
 mod stl;
 mod text;
+mod ycb_sight;
 
 pub use atomic::atomic_write;
 pub use error::IoError;
@@ -35,3 +36,4 @@ pub use npy::{NpyArray, parse_npy, read_height_map_npy, read_npy, write_height_m
 pub use scene::{SceneCheck, SceneFile, check_scene, read_scene};
 pub use scene_write::{NewScene, SceneToWrite, init_scene, write_scene};
 pub use text::{check_writable, create_folder, read_text, write_text};
+pub use ycb_sight::{YcbSightFile, read_ycb_sight, write_ycb_sight};
