@@ -1,9 +1,179 @@
 use crate::Outcome;
+use anyhow::{Context as _, bail};
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use palpate::geometry::TriangleMesh;
+use palpate::io::{SceneToWrite, read_mesh, write_mesh, write_scene, write_ycb_sight};
+use palpate::simulate::{SimulateParams, Solid, TouchParams, simulate_scene, simulate_ycb_sight};
+use rayon::prelude::*;
+use std::io::IsTerminal as _;
+use std::path::{Path, PathBuf};
 
 #[derive(clap::Args)]
-pub(crate) struct Args {}
+pub(crate) struct Args {
+    /// Meshes in metres, z up (.ply, .obj, .off, .stl), or solids with exact truth: primitive:cube, prism, pyramid, sphere,
+    /// cylinder, capsule, torus, bracket, tabbed-box
+    #[arg(required = true, value_name = "MESH")]
+    meshes: Vec<String>,
+    /// Folder for the scenes; made if it is missing
+    #[arg(long, value_name = "DIR")]
+    output: PathBuf,
+    /// Views of each object: 30°, 42°, 55° high, azimuth drawn by the seed
+    #[arg(long, default_value_t = 1, value_name = "V")]
+    views: usize,
+    /// Simulate this view only
+    #[arg(long, value_name = "K", conflicts_with = "views")]
+    view: Option<usize>,
+    /// Touches of each scene; the first of a larger number are the same
+    #[arg(long, default_value_t = 20, value_name = "N")]
+    touches: usize,
+    /// Sensor: ycb-sight, gelsight-r15, gelsight-mini, digit
+    #[arg(long, default_value = "ycb-sight", value_name = "PRESET")]
+    sensor: String,
+    /// Seed of everything random
+    #[arg(long, default_value_t = 0, value_name = "N")]
+    seed: u64,
+    /// scene: one folder per view. ycb-sight: one per object, 60 touches all round at 640×480, one depth cloud
+    #[arg(long, value_enum, default_value_t = Layout::Scene)]
+    layout: Layout,
+    /// 1σ per axis of the recorded touch poses: millimetres, degrees
+    #[arg(long, value_name = "MM,DEG", value_parser = parse_pose_noise, default_value = "0,0")]
+    pose_noise: (f64, f64),
+    /// Width of the height maps, pixels
+    #[arg(long, default_value_t = 320, value_name = "PX")]
+    map_width: usize,
+    /// 1σ of the depth noise, millimetres
+    #[arg(long, default_value_t = 1.0, value_name = "MM")]
+    depth_noise: f64,
+    /// Share of the object's pixels without a reading
+    #[arg(long, default_value_t = 0.0, value_name = "SHARE")]
+    dropout: f64,
+    /// Leave out the object's mask
+    #[arg(long)]
+    no_mask: bool,
+}
 
-pub(crate) fn run(_args: Args) -> anyhow::Result<Outcome> {
-    let _ = (Outcome::Done, Outcome::Degraded);
-    anyhow::bail!("not built yet")
+#[derive(Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+enum Layout {
+    Scene,
+    YcbSight,
+}
+
+fn parse_pose_noise(text: &str) -> Result<(f64, f64), String> {
+    let (mm, deg) = text.split_once(',').ok_or("two numbers are needed: MM,DEG")?;
+    let number = |s: &str| {
+        let value = s.trim().parse::<f64>().map_err(|e| format!("'{s}': {e}"))?;
+        if value.is_finite() && value >= 0.0 { Ok(value) } else { Err(format!("'{s}' must be at least 0")) }
+    };
+    Ok((number(mm)?, number(deg)?))
+}
+
+/// One folder to write.
+struct Job {
+    object: usize,
+    view: usize,
+}
+
+pub(crate) fn run(args: Args) -> anyhow::Result<Outcome> {
+    let objects: Vec<(String, TriangleMesh)> = args.meshes.iter().map(|m| load(m)).collect::<Result<_, _>>()?;
+    for (i, (name, _)) in objects.iter().enumerate() {
+        if objects[..i].iter().any(|(other, _)| other == name) {
+            bail!("two meshes are called '{name}': their scenes would overwrite each other");
+        }
+    }
+    let params = args.params();
+    params.validate()?;
+    std::fs::create_dir_all(&args.output).with_context(|| format!("making the folder {}", args.output.display()))?;
+    let views = match (args.layout, args.view) {
+        (Layout::YcbSight, _) => 0..1,
+        (Layout::Scene, Some(k)) => k..k + 1,
+        (Layout::Scene, None) => 0..args.views,
+    };
+    let jobs: Vec<Job> =
+        (0..objects.len()).flat_map(|object| views.clone().map(move |view| Job { object, view })).collect();
+    let bar = progress_bar(jobs.len());
+    let losses: Vec<Option<String>> = jobs
+        .par_iter()
+        .map(|job| {
+            let (name, mesh) = &objects[job.object];
+            let loss = match args.layout {
+                Layout::Scene => scene(name, mesh, &SimulateParams { view: job.view, ..params.clone() }, &args.output),
+                Layout::YcbSight => ycb_sight(name, mesh, &params, &args.output),
+            };
+            bar.inc(1);
+            loss.with_context(|| format!("simulating '{name}'"))
+        })
+        .collect::<anyhow::Result<_>>()?;
+    bar.finish_and_clear();
+    println!("{} {} in {}", jobs.len(), if jobs.len() == 1 { "scene" } else { "scenes" }, args.output.display());
+    let mut outcome = Outcome::Done;
+    for loss in losses.into_iter().flatten() {
+        eprintln!("palpate: {loss}");
+        outcome = Outcome::Degraded;
+    }
+    Ok(outcome)
+}
+
+impl Args {
+    fn params(&self) -> SimulateParams {
+        let mut params = SimulateParams { seed: self.seed, ..SimulateParams::default() };
+        params.camera.sigma = self.depth_noise * 1e-3;
+        params.camera.dropout = self.dropout;
+        params.camera.with_mask = !self.no_mask;
+        params.touch = TouchParams {
+            count: self.touches,
+            sensor: self.sensor.clone(),
+            map_width: self.map_width,
+            candidates: params.touch.candidates.max(self.touches),
+            pose_sigma_translation: self.pose_noise.0 * 1e-3,
+            pose_sigma_rotation: self.pose_noise.1.to_radians(),
+            ..params.touch
+        };
+        params
+    }
+}
+
+/// Name and mesh of a file or a solid.
+fn load(mesh: &str) -> anyhow::Result<(String, TriangleMesh)> {
+    let Some(name) = mesh.strip_prefix("primitive:") else {
+        let path = Path::new(mesh);
+        let name = path.file_stem().with_context(|| format!("'{mesh}' names no file"))?;
+        return Ok((name.to_string_lossy().into_owned(), read_mesh(path)?));
+    };
+    let solid = Solid::named(name)
+        .with_context(|| format!("no solid is called '{name}'; known: {}", Solid::NAMES.join(", ")))?;
+    // Chords within 5 µm, faces of a few millimetres: finer than any sensor, small enough to write.
+    Ok((name.to_owned(), solid.mesh(5e-6, 3e-3)))
+}
+
+/// Writes a scene folder; returns what was lost.
+fn scene(name: &str, mesh: &TriangleMesh, params: &SimulateParams, output: &Path) -> anyhow::Result<Option<String>> {
+    let made = simulate_scene(name, mesh, params)?;
+    let what = SceneToWrite { truth: Some(&made.truth), ..SceneToWrite::new(&made.scene) };
+    write_scene(output.join(&made.scene.name), &what)?;
+    let (found, asked) = (made.scene.touches.len(), params.touch.count);
+    Ok((found < asked)
+        .then(|| format!("{}: {found} touches of {asked}; no other place can be reached", made.scene.name)))
+}
+
+/// Writes a folder in the YCB-Sight layout; returns what was lost.
+fn ycb_sight(
+    name: &str,
+    mesh: &TriangleMesh,
+    params: &SimulateParams,
+    output: &Path,
+) -> anyhow::Result<Option<String>> {
+    let made = simulate_ycb_sight(name, mesh, params.seed, &params.touch)?;
+    let folder = output.join(name);
+    write_ycb_sight(&folder, &made)?;
+    write_mesh(folder.join("truth.ply"), mesh)?;
+    let found = made.touches.len();
+    Ok((found < 60).then(|| format!("{name}: {found} touches of 60; no other place can be pressed")))
+}
+
+fn progress_bar(jobs: usize) -> ProgressBar {
+    let target =
+        if std::io::stderr().is_terminal() { ProgressDrawTarget::stderr() } else { ProgressDrawTarget::hidden() };
+    let style = ProgressStyle::with_template("{bar:40} {pos}/{len} scenes, {eta} left")
+        .unwrap_or_else(|_| ProgressStyle::default_bar());
+    ProgressBar::with_draw_target(Some(jobs as u64), target).with_style(style)
 }
