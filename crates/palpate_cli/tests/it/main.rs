@@ -4,5 +4,6 @@ mod bad_input;
 mod compare;
 mod render;
 mod scene_folder;
+mod simulate;
 mod surface;
 mod workshop;
