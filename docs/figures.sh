@@ -4,6 +4,7 @@ set -euo pipefail
 cd "$(dirname "$0")/.."
 palpate() { cargo run --release --quiet -- "$@"; }
 
+mkdir -p docs/pictures
 parts=$(mktemp -d)
 trap 'rm -rf "$parts"' EXIT
 palpate reconstruct samples/mustard_bottle --output "$parts/bottle.ply" --keep "$parts"
@@ -13,4 +14,4 @@ palpate render \
     "$parts/visible.ply+$parts/moved.ply+$parts/felt.ply" \
     "$parts/bottle.ply" \
     --caption "seen,+ guessed,+ touched,mesh" \
-    --view "${VIEW:-auto}" --size 300x440 --output docs/pictures/steps.png
+    --view-of samples/mustard_bottle --size 300x440 --output docs/pictures/steps.png

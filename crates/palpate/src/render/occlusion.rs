@@ -40,7 +40,7 @@ pub(super) fn lighting(picture: &Fragments, view: &Viewpoint, shadow: &Fragments
     raw.par_chunks_mut(cols).enumerate().for_each(|(row, line)| {
         for (col, out) in line.iter_mut().enumerate() {
             let fragment = picture.data[row * cols + col];
-            if !asked(row, col) || matches!(fragment.kind, Kind::Empty | Kind::Unlit) {
+            if matches!(fragment.kind, Kind::Empty | Kind::Unlit) {
                 continue;
             }
             let dither = (row % BLOCK) * BLOCK + col % BLOCK;
@@ -54,11 +54,6 @@ pub(super) fn lighting(picture: &Fragments, view: &Viewpoint, shadow: &Fragments
         }
     });
     smoothed(picture, &raw, 0.3 * radius as f32)
-}
-
-/// Every other sample, as on a chessboard, is asked; the rest live on their neighbours.
-fn asked(row: usize, col: usize) -> bool {
-    (row + col).is_multiple_of(2)
 }
 
 /// Rows and columns that hold the shapes and what they may darken.
@@ -182,14 +177,14 @@ fn smoothed(picture: &Fragments, raw: &[Light], reach: f32) -> Vec<Light> {
             let (mut ambient, mut key, mut count) = (0.0, 0.0, 0.0);
             for r in row.saturating_sub(BLOCK / 2)..(row + BLOCK / 2).min(rows) {
                 for c in col.saturating_sub(BLOCK / 2)..(col + BLOCK / 2).min(cols) {
-                    if asked(r, c) && same(here, &picture.data[r * cols + c]) {
+                    if same(here, &picture.data[r * cols + c]) {
                         ambient += raw[r * cols + c].ambient;
                         key += raw[r * cols + c].key;
                         count += 1.0;
                     }
                 }
             }
-            *light = if count > 0.0 { Light { ambient: ambient / count, key: key / count } } else { Light::FULL };
+            *light = Light { ambient: ambient / count, key: key / count };
         }
     });
     out

@@ -32,6 +32,9 @@ pub(crate) struct Args {
     /// degrees (0,0 = front; azimuth counter-clockwise from above). auto: beside a scene's camera, else the broadest side.
     #[arg(long, default_value = "auto", value_parser = parse_side, allow_hyphen_values = true)]
     view: Side,
+    /// Scene whose camera and up direction the views auto and camera take; by default the first scene among the inputs.
+    #[arg(long, value_name = "SCENE")]
+    view_of: Option<PathBuf>,
     /// Pixels of one panel.
     #[arg(long, default_value = "480x480", value_parser = parse_size, value_name = "WIDTHxHEIGHT")]
     size: (usize, usize),
@@ -230,7 +233,7 @@ pub(crate) fn run(args: Args) -> anyhow::Result<Outcome> {
         bail!("{} captions for {} panels; one each is needed", args.caption.len(), args.inputs.len());
     }
     let mut loaded: Vec<Vec<Part>> = Vec::new();
-    let mut scene_view: Option<SceneView> = None;
+    let mut scene_view = args.view_of.as_deref().map(load_scene).transpose()?.map(|(_, view)| view);
     for input in &args.inputs {
         let mut parts = Vec::new();
         for path in split_input(input) {
@@ -260,7 +263,7 @@ pub(crate) fn run(args: Args) -> anyhow::Result<Outcome> {
         (Side::Camera, Some(SceneView { world_from_camera, .. })) => {
             View { look: Look::Along { world_from_camera }, up }
         }
-        (Side::Camera, None) => bail!("--view camera needs a scene folder among the inputs"),
+        (Side::Camera, None) => bail!("--view camera needs a scene folder among the inputs, or --view-of SCENE"),
     };
     let fit = match args.fit {
         FitBy::Auto => Fit::Auto,
