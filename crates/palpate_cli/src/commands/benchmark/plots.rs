@@ -57,8 +57,9 @@ fn touch_panel(all: &[Series], quantity: &Quantity) -> Vec<Plot> {
         let means: Vec<(f64, f64)> = points.iter().map(|(x, v)| (*x, v.mean)).collect();
         let line = LinePlot::new()
             .with_data(means.clone())
-            .with_band(points.iter().map(|(_, v)| v.interval.low), points.iter().map(|(_, v)| v.interval.high))
             .with_color(*color)
+            // After the colour: the band takes that of the line so far.
+            .with_band(points.iter().map(|(_, v)| v.interval.low), points.iter().map(|(_, v)| v.interval.high))
             .with_stroke_width(2.0)
             .with_legend(label);
         plots.push(Plot::Line(line));
@@ -79,10 +80,14 @@ fn distribution(all: &[Series]) -> String {
         }
     }
     let width = 140.0 + 50.0 * all.len() as f64;
-    let plots = vec![Plot::Box(plot.with_group_colors(colors))];
+    // Every run as a dot: the worst objects lie far outside the whiskers.
+    let plot = plot.with_group_colors(colors).with_strip(0.25).with_overlay_color("#444444").with_overlay_size(1.5);
+    let plots = vec![Plot::Box(plot)];
     let layout = Layout::auto_from_plots(&plots)
         .with_title("Volumetric IoU of all runs, by method @ touches")
         .with_y_label("volumetric IoU")
+        .with_y_axis_min(0.0)
+        .with_y_axis_max(1.0)
         .with_x_tick_rotate(-45.0)
         .with_width(width.max(500.0))
         .with_height(420.0);
