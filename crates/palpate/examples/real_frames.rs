@@ -1,8 +1,10 @@
 //! Segments real RGB-D frames, compares with what is known of them and draws what was found: the tables and pictures of
 //! `docs/real-frames.md`. Usage: `real_frames DATA [PICTURES]`, DATA holding `rgbd/NAME/{frame.json, …}`.
 
-use palpate::camera::{Background, DepthNoise, Frame, PinholeCamera, SegmentParams, Visible, segment_object};
-use palpate::geometry::{Isometry, KdTree, Point, PointCloud, Raster, Vector};
+use palpate::camera::{
+    Background, CleanCloud, DepthNoise, Frame, PinholeCamera, SegmentParams, Visible, clean_cloud, segment_object,
+};
+use palpate::geometry::{Isometry, KdTree, Plane, Point, PointCloud, Raster, Vector};
 use palpate::io;
 use std::error::Error;
 use std::path::{Path, PathBuf};
@@ -34,7 +36,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let data = arguments.next().ok_or("usage: real_frames DATA [PICTURES]")?;
     let pictures = arguments.next();
     println!(
-        "| frame | pick | pixels | points | support tilt ° | margin of border | time ms | against |\n|---|---|---|---|---|---|---|---|"
+        "| frame | pick | pixels | points | support tilt ° | border share | time ms | against |\n|---|---|---|---|---|---|---|---|"
     );
     for (name, pick) in FRAMES {
         let folder = data.join("rgbd").join(name);
@@ -58,7 +60,7 @@ fn main() -> Result<(), Box<dyn Error>> {
             visible.mask.as_slice().iter().filter(|m| **m).count(),
             cloud.len(),
             visible.border_share,
-            comparison(&folder, &frame, &visible, &cloud)?
+            comparison(&folder, &visible, &cloud)?
         );
         if let Some(pictures) = &pictures {
             std::fs::create_dir_all(pictures)?;
@@ -66,7 +68,7 @@ fn main() -> Result<(), Box<dyn Error>> {
             io::write_color(pictures.join(file), &picture(&frame, &visible, &cloud))?;
         }
     }
-    Ok(())
+    clouds(&data.join("clouds"), pictures.as_deref())
 }
 
 fn read_frame(folder: &Path) -> Result<Frame, Box<dyn Error>> {
@@ -94,7 +96,7 @@ fn read_frame(folder: &Path) -> Result<Frame, Box<dyn Error>> {
 }
 
 /// Against the data set's own object mask (`IoU`) or its segmented cloud (mean distances both ways).
-fn comparison(folder: &Path, frame: &Frame, visible: &Visible, cloud: &PointCloud) -> Result<String, Box<dyn Error>> {
+fn comparison(folder: &Path, visible: &Visible, cloud: &PointCloud) -> Result<String, Box<dyn Error>> {
     if folder.join("mask_object.png").exists() {
         let truth = io::read_mask(folder.join("mask_object.png"))?;
         let pairs = || visible.mask.as_slice().iter().zip(truth.as_slice());
@@ -115,7 +117,6 @@ fn comparison(folder: &Path, frame: &Frame, visible: &Visible, cloud: &PointClou
             h.sort_by(f64::total_cmp);
             (h[h.len() / 100], h[h.len() - 1 - h.len() / 100])
         };
-        let _ = frame;
         return Ok(format!(
             "object_pc: {:.2} mm to it, {:.2} mm from it; heights {:.1?} mm, theirs {:.1?}",
             mean(&cloud.points, &truth.points),
@@ -129,9 +130,8 @@ fn comparison(folder: &Path, frame: &Frame, visible: &Visible, cloud: &PointClou
 
 /// Left: what every pixel was taken for. Right: the cleaned cloud from another side.
 fn picture(frame: &Frame, visible: &Visible, cloud: &PointCloud) -> Raster<[u8; 3]> {
-    let left = classified(frame, visible);
-    let right = from_the_side(frame, visible, cloud);
-    Raster::from_fn(240, 640, |row, col| if col < 320 { left[(2 * row, 2 * col)] } else { right[(row, col - 320)] })
+    let eye = frame.world_from_camera * Point::origin();
+    side_by_side(&classified(frame, visible), &from_the_side(&eye, visible.support, cloud), 2)
 }
 
 fn classified(frame: &Frame, visible: &Visible) -> Raster<[u8; 3]> {
@@ -155,43 +155,108 @@ fn classified(frame: &Frame, visible: &Visible) -> Raster<[u8; 3]> {
     })
 }
 
-/// Orthographic splats seen from the object's side, table up; brightness follows the normal, the line is the support plane.
-fn from_the_side(frame: &Frame, visible: &Visible, cloud: &PointCloud) -> Raster<[u8; 3]> {
-    let mut image = Raster::filled(240, 320, [255u8; 3]);
-    let (Some(bounds), Some(normals)) = (cloud.bounds(), &cloud.normals) else { return image };
-    let up = visible.support.map_or(-Vector::y(), |s| s.normal.into_inner());
-    let towards_camera = frame.world_from_camera.translation.vector - bounds.center().coords;
-    let flat = (towards_camera - up * up.dot(&towards_camera)).try_normalize(1e-6).unwrap_or_else(Vector::x);
-    // Look from 70° to the left of the camera, level with the table.
-    let side = up.cross(&flat);
-    let toward = flat * 70.0_f64.to_radians().cos() + side * 70.0_f64.to_radians().sin();
-    let right = up.cross(&toward);
-    let scale = 200.0 / bounds.diagonal();
-    let mut depth = Raster::filled(240, 320, f64::NEG_INFINITY);
-    let place = |p: &Point| {
-        let d = p - bounds.center();
-        (120.0 - scale * d.dot(&up), 160.0 + scale * d.dot(&right), d.dot(&toward))
-    };
-    if let Some(support) = visible.support {
-        let row = place(&(bounds.center() - up * support.signed_distance(&bounds.center()))).0;
+/// Orthographic splats, table up, the line is the support plane; from 70° beside the sensor's direction.
+fn from_the_side(eye: &Point, support: Option<Plane>, cloud: &PointCloud) -> Raster<[u8; 3]> {
+    let Some(bounds) = cloud.bounds() else { return Raster::filled(240, 320, [255; 3]) };
+    let up = support.map_or(-Vector::y(), |s| s.normal.into_inner());
+    let to_eye = eye - bounds.center();
+    let flat = (to_eye - up * up.dot(&to_eye)).try_normalize(1e-6).unwrap_or_else(Vector::x);
+    let toward = flat * 70.0_f64.to_radians().cos() + up.cross(&flat) * 70.0_f64.to_radians().sin();
+    let mut image = Raster::filled(240, 320, [255; 3]);
+    let view = View { center: bounds.center(), up, toward, scale: 200.0 / bounds.diagonal() };
+    if let Some(support) = support {
+        let row = view.place(&(view.center - up * support.signed_distance(&view.center))).0;
         for col in 0..320 {
             if (0.0..239.0).contains(&row) {
                 image[(row as usize, col)] = [160, 110, 60];
             }
         }
     }
-    for (p, n) in cloud.points.iter().zip(normals) {
-        let (row, col, near) = place(p);
-        for (r, c) in
-            [(0.0, 0.0), (0.0, 1.0), (1.0, 0.0), (1.0, 1.0)].map(|(r, c)| ((row + r) as usize, (col + c) as usize))
-        {
-            if r < 240 && c < 320 && near > depth[(r, c)] {
-                depth[(r, c)] = near;
-                let light = n.dot(&(toward + up * 0.5).normalize()).abs();
-                let [red, green, blue] = [n.x, n.y, n.z].map(|c| 127.5 - 60.0 * c);
-                image[(r, c)] = [red, green, blue].map(|c| (c * (0.35 + 0.65 * light)).clamp(0.0, 255.0) as u8);
+    view.splat(&mut image, cloud);
+    image
+}
+
+/// An orthographic camera.
+struct View {
+    center: Point,
+    up: Vector,
+    toward: Vector,
+    /// Pixels per metre.
+    scale: f64,
+}
+
+impl View {
+    fn place(&self, p: &Point) -> (f64, f64, f64) {
+        let d = p - self.center;
+        let right = self.up.cross(&self.toward);
+        (120.0 - self.scale * d.dot(&self.up), 160.0 + self.scale * d.dot(&right), d.dot(&self.toward))
+    }
+
+    /// Colour and brightness follow the normal; points without one are grey.
+    fn splat(&self, image: &mut Raster<[u8; 3]>, cloud: &PointCloud) {
+        let mut nearest = Raster::filled(240, 320, f64::NEG_INFINITY);
+        let light_from = (self.toward + self.up * 0.5).normalize();
+        for (i, p) in cloud.points.iter().enumerate() {
+            let (row, col, near) = self.place(p);
+            let color = cloud.normals.as_ref().map_or([190; 3], |normals| {
+                let n = normals[i];
+                let light = 0.35 + 0.65 * n.dot(&light_from).abs();
+                [n.x, n.y, n.z].map(|c| ((127.5 - 60.0 * c) * light).clamp(0.0, 255.0) as u8)
+            });
+            for (r, c) in [(0.0, 0.0), (0.0, 1.0), (1.0, 0.0), (1.0, 1.0)].map(|(r, c)| (row + r, col + c)) {
+                if (0.0..240.0).contains(&r) && (0.0..320.0).contains(&c) && near > nearest[(r as usize, c as usize)] {
+                    nearest[(r as usize, c as usize)] = near;
+                    image[(r as usize, c as usize)] = color;
+                }
             }
         }
     }
+}
+
+/// The PCD clouds: left the whole cloud in grey with the object on it as the sensor sees it, right the object from the side.
+fn clouds(folder: &Path, pictures: Option<&Path>) -> Result<(), Box<dyn Error>> {
+    println!("\n| cloud | points | finite | kept | support | time ms |\n|---|---|---|---|---|---|");
+    for name in ["table_scene_mug_stereo_textured", "rosindustrial_table", "milk_color", "bun0"] {
+        let all = io::read_cloud(folder.join(name).with_extension("pcd"))?;
+        let eye = Point::origin();
+        let start = Instant::now();
+        let clean = clean_cloud(&all, &eye, &SegmentParams::default());
+        let ms = start.elapsed().as_secs_f64() * 1e3;
+        let finite = all.filtered(|i| all.points[i].iter().all(|c| c.is_finite()));
+        match clean {
+            Err(error) => println!("| {name} | {} | {} | failed: {error} | | |", all.len(), finite.len()),
+            Ok(clean) => {
+                let support = clean.support.map_or("none".to_owned(), |s| format!("{:.2?}", s.normal.as_slice()));
+                println!("| {name} | {} | {} | {} | {support} | {ms:.0} |", all.len(), finite.len(), clean.cloud.len());
+                if let Some(pictures) = pictures {
+                    let left = from_the_sensor(&eye, &finite, &clean);
+                    let right = from_the_side(&eye, clean.support, &clean.cloud);
+                    io::write_color(pictures.join(format!("{name}.png")), &side_by_side(&left, &right, 1))?;
+                }
+            }
+        }
+    }
+    Ok(())
+}
+
+fn from_the_sensor(eye: &Point, all: &PointCloud, clean: &CleanCloud) -> Raster<[u8; 3]> {
+    let mut image = Raster::filled(240, 320, [0; 3]);
+    let Some(bounds) = clean.cloud.bounds() else { return image };
+    let toward = (eye - bounds.center()).normalize();
+    let up = clean.support.map_or(-Vector::y(), |s| s.normal.into_inner());
+    let up = (up - toward * toward.dot(&up)).normalize();
+    let view = View { center: bounds.center(), up, toward, scale: 90.0 / bounds.diagonal() };
+    view.splat(&mut image, &PointCloud { normals: None, ..all.clone() });
+    view.splat(&mut image, &clean.cloud);
     image
+}
+
+fn side_by_side(left: &Raster<[u8; 3]>, right: &Raster<[u8; 3]>, shrink: usize) -> Raster<[u8; 3]> {
+    Raster::from_fn(
+        240,
+        640,
+        |row, col| {
+            if col < 320 { left[(shrink * row, shrink * col)] } else { right[(row, col - 320)] }
+        },
+    )
 }

@@ -1,5 +1,5 @@
 use super::fragments::{convex_hull, footprint, share_inside};
-use super::support::{Support, support_candidates};
+use super::support::{Support, Up, support_candidates};
 use super::{SegmentError, SegmentParams};
 use crate::geometry::{
     KdTree, Plane, PlaneRansac, Point, PointCloud, cluster_sizes, estimate_normals, euclidean_clusters,
@@ -14,13 +14,13 @@ const STANDING_GAP: f64 = 0.03;
 /// An object cut out of a cloud.
 #[derive(Debug, Clone)]
 pub struct CleanCloud {
-    /// The object's points with normals that face the viewpoint; colours as they were.
+    /// The object's points; colours as they were. Normals face the viewpoint unless they were recorded.
     pub cloud: PointCloud,
     /// The plane it stands on, if one was found.
     pub support: Option<Plane>,
 }
 
-/// Cuts the object out of a cloud of a sensor: support plane, clusters, outliers, normals.
+/// Cuts the object out of a cloud of a sensor: support plane, clusters, outliers, normals (recorded ones are kept).
 ///
 /// Of the groups that stand on the plane the largest is kept; without a plane, the largest of all. Pixel quantities of `params`
 /// count points here, and `pick` is not used. Points that are not finite are left out.
@@ -41,7 +41,10 @@ pub fn clean_cloud(cloud: &PointCloud, viewpoint: &Point, params: &SegmentParams
     let outliers = statistical_outliers(&object.points, NEIGHBOURS, params.outlier_sigmas);
     let mut object = object.filtered(|i| !outliers[i]);
     require(object.len(), params.min_pixels, "removing outliers")?;
-    object.normals = Some(estimate_normals(&object.points, NEIGHBOURS, viewpoint));
+    let recorded = object.normals.as_ref().is_some_and(|n| n.iter().all(|n| (n.norm() - 1.0).abs() < 0.01));
+    if !recorded {
+        object.normals = Some(estimate_normals(&object.points, NEIGHBOURS, viewpoint));
+    }
     let support = support
         .map(|s| Plane { normal: s.plane.normal, offset: s.plane.offset + s.plane.normal.dot(&viewpoint.coords) });
     Ok(CleanCloud { cloud: object, support })
@@ -69,7 +72,7 @@ fn object_points(
     // Every point weighs the same: a cloud has no image centre.
     let pixels = vec![(0.0, 0.0); points.len()];
     let mut largest_group: Option<(usize, f64)> = None;
-    for support in support_candidates(points, &pixels, None, (0.0, 0.0), params) {
+    for support in support_candidates(points, &pixels, Up::Unknown, (0.0, 0.0), params) {
         match standing_group(points, &support, link, params) {
             Ok(kept) => return Ok((kept, Some(support))),
             Err(found) => {

@@ -1,7 +1,7 @@
 use super::fragments::{MIN_FRAGMENT, with_fragments};
 use super::fringe::fringe;
 use super::raster_filter::{NO_CLUSTER, border_share, flying_pixels, raster_clusters, raster_outliers};
-use super::support::{Support, readings, support_candidates};
+use super::support::{Support, Up, readings, support_candidates};
 use super::{Background, Frame, SegmentError, SegmentParams, Visible, smooth_depth};
 use crate::geometry::{Point, Raster, Vector};
 
@@ -97,9 +97,12 @@ fn zip<A, B, U>(a: &Raster<A>, b: &Raster<B>, value: impl Fn(&A, &B) -> U) -> Ra
 }
 
 /// World up in the camera frame; unknown where the world is the camera frame itself.
-fn known_up(frame: &Frame) -> Option<Vector> {
-    let camera_from_world = frame.world_from_camera.inverse();
-    (frame.world_from_camera.rotation.angle() > 1e-9).then(|| camera_from_world * Vector::z())
+fn up(frame: &Frame) -> Up {
+    if frame.world_from_camera.rotation.angle() > 1e-9 {
+        Up::Known(frame.world_from_camera.inverse() * Vector::z())
+    } else {
+        Up::Image
+    }
 }
 
 fn focus(frame: &Frame, params: &SegmentParams) -> (f64, f64) {
@@ -119,7 +122,7 @@ fn supports(
             let plane = plane.transformed(&frame.world_from_camera.inverse());
             vec![Support::known(plane, &readings, params)]
         }
-        None => support_candidates(&readings, &pixels, known_up(frame), focus, params),
+        None => support_candidates(&readings, &pixels, up(frame), focus, params),
     }
 }
 

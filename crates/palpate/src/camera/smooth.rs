@@ -187,7 +187,8 @@ fn solve_weighted(du: &[f32], dv: &[f32], q: &[f32], [a, b, c]: [f32; 3], scale:
     Some([a as f32, b as f32, (mz - a * mx - b * my) as f32])
 }
 
-/// The value at the centre of a weighted quadratic fit, weights from the plane's residuals; `None` if ill-conditioned.
+/// The value at the centre of a weighted quadratic fit to the plane's residuals, weighted by them, added to the plane's;
+/// `None` if ill-conditioned. (Residuals are small: single precision suffices for a window at the object's edge.)
 fn quadratic_offset(du: &[f32], dv: &[f32], q: &[f32], [a, b, c]: [f32; 3], scale: f32) -> Option<f64> {
     if du.len() < MIN_QUADRATIC {
         return None;
@@ -195,7 +196,8 @@ fn quadratic_offset(du: &[f32], dv: &[f32], q: &[f32], [a, b, c]: [f32; 3], scal
     let mut normal = [[0.0f32; 6]; 6];
     let mut rhs = [0.0f32; 6];
     for ((&x, &y), &z) in du.iter().zip(dv).zip(q) {
-        let r = (a * x + b * y + c - z) * scale;
+        let residual = z - (a * x + b * y + c);
+        let r = residual * scale;
         let root = 1.0 / (1.0 + r * r);
         let w = root * root;
         // Scaled so that all columns are of order one over the window.
@@ -203,7 +205,7 @@ fn quadratic_offset(du: &[f32], dv: &[f32], q: &[f32], [a, b, c]: [f32; 3], scal
         let basis = [1.0, x, y, x * x, x * y, y * y];
         for i in 0..6 {
             let wi = w * basis[i];
-            rhs[i] += wi * z;
+            rhs[i] += wi * residual;
             for j in i..6 {
                 normal[i][j] += wi * basis[j];
             }
@@ -211,9 +213,8 @@ fn quadratic_offset(du: &[f32], dv: &[f32], q: &[f32], [a, b, c]: [f32; 3], scal
     }
     let matrix = Matrix6::from_fn(|i, j| f64::from(normal[i.min(j)][i.max(j)]));
     let solution = matrix.cholesky()?.solve(&Vector6::from_fn(|i, _| f64::from(rhs[i])));
-    // A one-sided window may extrapolate wildly: never farther from the plane's value than its noise allows.
-    let limit = 3.0 / f64::from(3.0 * scale);
-    Some(solution[0]).filter(|offset| (offset - f64::from(c)).abs() < limit)
+    // A one-sided window may extrapolate wildly: no farther from the plane than three σ.
+    Some(solution[0]).filter(|d| d.abs() < 1.0 / f64::from(scale)).map(|d| f64::from(c) + d)
 }
 
 #[cfg(test)]

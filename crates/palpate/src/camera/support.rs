@@ -3,6 +3,42 @@
 use super::SegmentParams;
 use crate::geometry::{Plane, PlaneRansac, Point, Raster, Vector};
 
+/// What is known of the direction away from the ground.
+#[derive(Debug, Clone, Copy)]
+pub(super) enum Up {
+    /// It is this one, camera frame; a support plane is within 30° of it.
+    Known(Vector),
+    /// Images are taken the right way up: of a table and a wall the table faces more towards −y. Planes face the camera.
+    Image,
+    /// Nothing. Planes face the sensor.
+    Unknown,
+}
+
+impl Up {
+    fn allows(&self, plane: &Plane) -> bool {
+        match self {
+            Self::Known(up) => plane.normal.dot(up).abs() > 30.0_f64.to_radians().cos(),
+            Self::Image | Self::Unknown => true,
+        }
+    }
+
+    fn oriented(&self, plane: Plane) -> Plane {
+        let faces_up = match self {
+            Self::Known(up) => plane.normal.dot(up) > 0.0,
+            Self::Image | Self::Unknown => plane.offset < 0.0,
+        };
+        if faces_up { plane } else { plane.flipped() }
+    }
+
+    /// How much likelier than a plane seen head-on an oriented plane carries things.
+    fn preference(&self, plane: &Plane) -> f64 {
+        match self {
+            Self::Image => (-2.0 * plane.normal.y).exp(),
+            Self::Known(_) | Self::Unknown => 1.0,
+        }
+    }
+}
+
 /// More readings than this are thinned to every second row and column before planes are searched.
 const DENSE: usize = 100_000;
 /// At most this many planes are considered: table, wall or floor, and the object's own largest face.
@@ -49,27 +85,25 @@ pub(super) fn readings(points: &Raster<Point>, usable: &Raster<bool>) -> (Vec<Po
 /// below them, each weighted by nearness to `focus` (the picked pixel or the image centre): a table surrounds the object and
 /// little lies below it; a wall is elsewhere, and below the object's own face lies the rest of the scene.
 ///
-/// * `up` – camera frame, if known; a plane must be within 30° of it. Otherwise a plane's normal faces the camera.
+/// * `up` – what is known of it, in the readings' frame, whose origin is the sensor
 pub(super) fn support_candidates(
     readings: &[Point],
     pixels: &[(f64, f64)],
-    up: Option<Vector>,
+    up: Up,
     focus: (f64, f64),
     params: &SegmentParams,
 ) -> Vec<Support> {
     let ransac = PlaneRansac { tolerance: params.plane_tolerance, seed: params.seed, ..PlaneRansac::default() };
-    let upright = |plane: &Plane| up.is_none_or(|up| plane.normal.dot(&up).abs() > 30.0_f64.to_radians().cos());
     let mut remaining = readings.to_vec();
     let mut found: Vec<(f64, Support)> = Vec::new();
     for _ in 0..MAX_PLANES {
-        let Some(fit) = ransac.fit(&remaining, upright) else { break };
+        let Some(fit) = ransac.fit(&remaining, |plane| up.allows(plane)) else { break };
         if (fit.inliers as f64) < params.min_plane_share * readings.len() as f64 {
             break;
         }
         remaining.retain(|p| fit.plane.signed_distance(p).abs() > 2.0 * params.plane_tolerance);
-        let faces_up = up.map_or(fit.plane.offset < 0.0, |up| fit.plane.normal.dot(&up) > 0.0);
-        let plane = if faces_up { fit.plane } else { fit.plane.flipped() };
-        let score = support_score(&plane, readings, pixels, focus, params.plane_tolerance);
+        let plane = up.oriented(fit.plane);
+        let score = support_score(&plane, readings, pixels, focus, params.plane_tolerance) * up.preference(&plane);
         if score > 0.0 {
             found.push((score, Support { plane, margin: margin(fit.sigma, params) }));
         }
@@ -121,12 +155,12 @@ mod tests {
     fn the_table_wins_over_wall_and_face() {
         let (points, pixels) = scene();
         let params = SegmentParams::default();
-        for up in [None, Some(-Vector::y())] {
+        for up in [Up::Image, Up::Known(-Vector::y())] {
             let found = support_candidates(&points, &pixels, up, (320.0, 330.0), &params);
             let plane = found.first().expect("a plane").plane;
             assert!(
                 (plane.normal.into_inner() + Vector::y()).norm() < 1e-6,
-                "up {up:?}: normal {}",
+                "{up:?}: normal {}",
                 plane.normal.into_inner()
             );
             assert!((plane.offset + 0.2).abs() < 1e-6);
@@ -137,7 +171,7 @@ mod tests {
     fn a_known_up_excludes_walls() {
         let (points, pixels) = scene();
         let wall_up =
-            support_candidates(&points, &pixels, Some(-Vector::z()), (320.0, 100.0), &SegmentParams::default());
+            support_candidates(&points, &pixels, Up::Known(-Vector::z()), (320.0, 100.0), &SegmentParams::default());
         assert!(wall_up.iter().all(|s| s.plane.normal.z < -0.86));
     }
 

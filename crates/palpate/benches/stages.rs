@@ -1,0 +1,61 @@
+//! One bench per stage, on a rendered frame: a ball on a table at 640×480.
+
+use criterion::{Criterion, criterion_group, criterion_main};
+use palpate::camera::{
+    Background, DepthNoise, Frame, PinholeCamera, SegmentParams, SmoothParams, segment_object, smooth_depth,
+};
+use palpate::geometry::{Isometry, PlaneRansac, Point, Raster, Vector};
+use rand::SeedableRng as _;
+use rand_distr::{Distribution as _, Normal};
+use rand_pcg::Pcg64Mcg;
+use std::hint::black_box;
+
+/// Height of the camera over the table, metres.
+const HEIGHT: f64 = 0.475;
+
+/// A camera that looks 45° down on a table, and a ball of about 24,000 pixels on it.
+fn frame() -> Frame {
+    let camera =
+        PinholeCamera { width: 640, height: 480, fx: 554.26, fy: 554.26, cx: 319.5, cy: 239.5, distortion: [0.0; 5] };
+    let up = Vector::new(0.0, -1.0, -1.0).normalize();
+    let center = Vector::new(0.0, 0.0, 0.55);
+    let radius = HEIGHT + up.dot(&center);
+    let (mut rng, noise) = (Pcg64Mcg::seed_from_u64(1), Normal::new(0.0, 1e-3).expect("finite"));
+    let depth = Raster::from_fn(480, 640, |row, col| {
+        let ray = camera.ray(col as f64, row as f64);
+        let (a, b) = (ray.norm_squared(), ray.dot(&center));
+        let root = b * b - a * (center.norm_squared() - radius * radius);
+        let z = if root > 0.0 { (b - root.sqrt()) / a } else { -HEIGHT / up.dot(&ray) };
+        if z > 0.0 && z < 2.0 { (z + noise.sample(&mut rng)) as f32 } else { f32::NAN }
+    });
+    Frame {
+        camera,
+        world_from_camera: Isometry::identity(),
+        depth,
+        background: Background::Unknown,
+        noise: DepthNoise { sigma: 1e-3, sigma_quadratic: 0.0 },
+        color: None,
+        mask: None,
+        support: None,
+    }
+}
+
+fn see(criterion: &mut Criterion) {
+    let frame = frame();
+    let points: Vec<Point> = frame.unproject().as_slice().iter().filter(|p| p.z.is_finite()).copied().collect();
+    criterion.bench_function("see/support plane, 640x480", |b| {
+        b.iter(|| PlaneRansac { tolerance: 0.008, ..PlaneRansac::default() }.fit(black_box(&points), |_| true));
+    });
+    let visible = segment_object(&frame, &SegmentParams::default()).expect("a ball on a table");
+    criterion.bench_function("see/denoise and normals", |b| {
+        b.iter(|| {
+            smooth_depth(black_box(&frame.depth), &visible.mask, &frame.camera, frame.noise, &SmoothParams::default())
+        });
+    });
+    criterion.bench_function("see/segment_object, 640x480", |b| {
+        b.iter(|| segment_object(black_box(&frame), &SegmentParams::default()));
+    });
+}
+
+criterion_group!(stages, see);
+criterion_main!(stages);
