@@ -20,7 +20,7 @@ struct Placed {
 }
 
 /// Value and gradient at a sample, weighted.
-type Row = [f32; 4];
+pub(super) type Row = [f32; 4];
 
 impl DataTerm {
     pub(super) fn new(level: &Level, samples: &[WeightedSample]) -> Self {
@@ -39,60 +39,56 @@ impl DataTerm {
         Self { samples: placed, layers }
     }
 
-    /// Adds Σ w (fᵀf + ∇fᵀ∇f) x to `out`.
-    pub(super) fn apply(&self, level: &Level, x: &[f32], out: &mut [f32]) {
-        let rows: Vec<Row> = self.samples.par_iter().map(|s| s.weighted(s.evaluate(level, x))).collect();
-        self.scatter(level, &rows, out);
+    /// Weighted value and gradient of `x` at every sample: the first half of the operator.
+    pub(super) fn rows(&self, level: &Level, x: &[f32]) -> Vec<Row> {
+        self.samples.par_iter().with_min_len(512).map(|s| s.weighted(s.evaluate(level, x))).collect()
     }
 
-    /// Adds the negative gradient of the terms at `x` (half of it) to `out`: Σ w (fᵀ(0 − f(p)) + ∇fᵀ(n − ∇f(p))).
-    pub(super) fn residual(&self, level: &Level, x: &[f32], out: &mut [f32]) {
-        let rows: Vec<Row> = self
-            .samples
-            .par_iter()
-            .map(|s| {
-                let v = s.evaluate(level, x);
-                s.weighted([-v[0], s.normal[0] - v[1], s.normal[1] - v[2], s.normal[2] - v[3]])
-            })
-            .collect();
-        self.scatter(level, &rows, out);
+    /// Weighted misfit at every sample: (0 − f(p), n − ∇f(p)).
+    pub(super) fn misfits(&self, level: &Level, x: &[f32]) -> Vec<Row> {
+        let misfit = |s: &Placed| {
+            let v = s.evaluate(level, x);
+            s.weighted([-v[0], s.normal[0] - v[1], s.normal[1] - v[2], s.normal[2] - v[3]])
+        };
+        self.samples.par_iter().with_min_len(512).map(misfit).collect()
     }
 
-    /// Adds the diagonal of the operator to `out`.
-    pub(super) fn diagonal(&self, level: &Level, out: &mut [f32]) {
-        self.for_each_corner(level, out, |s, _, c| {
-            let r = s.coefficients(c);
-            s.weight * (r[0] * r[0] + r[1] * r[1] + r[2] * r[2] + r[3] * r[3])
-        });
-    }
-
-    fn scatter(&self, level: &Level, rows: &[Row], out: &mut [f32]) {
-        self.for_each_corner(level, out, |s, i, c| {
+    /// Adds the transpose applied to `rows` to plane `k`, given as `out`: the second half of the operator.
+    pub(super) fn scatter_plane(&self, level: &Level, rows: &[Row], k: usize, out: &mut [f32]) {
+        self.for_each_corner(level, k, out, |s, i, c| {
             let (r, v) = (s.coefficients(c), rows[i]);
             r[0] * v[0] + r[1] * v[1] + r[2] * v[2] + r[3] * v[3]
         });
     }
 
-    /// Adds `value(sample, its index, corner)` to each corner node of each sample's cell, parallel over planes.
+    /// Adds the diagonal of the operator to plane `k`, given as `out`.
+    pub(super) fn diagonal_plane(&self, level: &Level, k: usize, out: &mut [f32]) {
+        self.for_each_corner(level, k, out, |s, _, c| {
+            let r = s.coefficients(c);
+            s.weight * (r[0] * r[0] + r[1] * r[1] + r[2] * r[2] + r[3] * r[3])
+        });
+    }
+
+    /// Adds `value(sample, its index, corner)` to the corner nodes that lie in plane `k`.
+    #[inline]
     fn for_each_corner(
         &self,
         level: &Level,
+        k: usize,
         out: &mut [f32],
-        value: impl Fn(&Placed, usize, [usize; 3]) -> f32 + Sync,
+        value: impl Fn(&Placed, usize, [usize; 3]) -> f32,
     ) {
         let (nx, plane) = (level.dims[0], level.plane_len());
-        out.par_chunks_mut(plane).enumerate().for_each(|(k, out)| {
-            for dz in 0..2usize {
-                let Some(layer) = k.checked_sub(dz) else { continue };
-                for i in self.layers[layer]..self.layers[layer + 1] {
-                    let s = &self.samples[i];
-                    let n = s.base as usize - layer * plane;
-                    for (dx, dy) in [(0, 0), (1, 0), (0, 1), (1, 1)] {
-                        out[n + dx + dy * nx] += value(s, i, [dx, dy, dz]);
-                    }
+        for dz in 0..2usize {
+            let Some(layer) = k.checked_sub(dz) else { continue };
+            for i in self.layers[layer]..self.layers[layer + 1] {
+                let s = &self.samples[i];
+                let n = s.base as usize - layer * plane;
+                for (dx, dy) in [(0, 0), (1, 0), (0, 1), (1, 1)] {
+                    out[n + dx + dy * nx] += value(s, i, [dx, dy, dz]);
                 }
             }
-        });
+        }
     }
 }
 

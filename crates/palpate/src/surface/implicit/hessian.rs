@@ -1,38 +1,31 @@
 use super::level::Level;
-use rayon::prelude::*;
 
-/// Applies the normal operator of μ Σ |Hess f|² to `x` at the active nodes of `level`, adding `scale` times the result to `out`.
+/// Adds `scale` times the normal operator of Σ |Hess f|² at `x` to the active nodes of plane `k`; `out` is that plane.
 ///
 /// Second differences along the axes and mixed differences on the faces of the cells; in the interior both together are the
 /// 25-point stencil 42, −12 at ±1, +2 at (±1, ±1), +1 at ±2. Next to the border only the differences that exist count (natural
 /// boundary: linear functions cost nothing).
-pub(super) fn apply(level: &Level, x: &[f32], scale: f32, out: &mut [f32]) {
+pub(super) fn apply_plane(level: &Level, x: &[f32], scale: f32, k: usize, out: &mut [f32]) {
     let [nx, ny, nz] = level.dims;
     let plane = level.plane_len();
-    out.par_chunks_mut(plane).enumerate().for_each(|(k, out)| {
-        let inner_plane = k >= 2 && k + 2 < nz;
-        for &(start, len) in &level.runs[k] {
-            let (start, len) = (start as usize, len as usize);
-            let in_plane = start - k * plane;
-            let (i0, j) = (in_plane % nx, in_plane / nx);
-            let (mut a, mut b) = (start, start + len);
-            if inner_plane && j >= 2 && j + 2 < ny {
-                // The part of the run at least two nodes from both ends of the row.
-                let first = start + 2usize.saturating_sub(i0);
-                let last = (start + (nx - 2).saturating_sub(i0)).min(start + len);
-                if first < last {
-                    for n in a..first {
-                        out[n - k * plane] += scale * at_border(level, x, n);
-                    }
-                    interior(x, first, last, nx, plane, scale, &mut out[first - k * plane..last - k * plane]);
-                    (a, b) = (last, start + len);
-                }
-            }
-            for n in a..b {
-                out[n - k * plane] += scale * at_border(level, x, n);
-            }
+    let inner_plane = k >= 2 && k + 2 < nz;
+    for &(start, len) in &level.runs[k] {
+        let (start, end) = (start as usize, (start + len) as usize);
+        let in_plane = start - k * plane;
+        let (i, j) = (in_plane % nx, in_plane / nx);
+        let (mut first, mut last) = (end, end);
+        if inner_plane && j >= 2 && j + 2 < ny {
+            // The part of the run at least two nodes from both ends of the row.
+            first = (start + 2usize.saturating_sub(i)).min(end);
+            last = (start + (nx - 2).saturating_sub(i)).clamp(first, end);
         }
-    });
+        for n in (start..first).chain(last..end) {
+            out[n - k * plane] += scale * at_border(level, x, n);
+        }
+        if first < last {
+            interior(x, first, last, nx, plane, scale, &mut out[first - k * plane..last - k * plane]);
+        }
+    }
 }
 
 /// Diagonal of the operator at node `n` (before the factor μ).
@@ -110,6 +103,12 @@ fn for_each_difference(level: &Level, n: usize, mut visit: impl FnMut(f32, &[(us
 mod tests {
     use super::*;
     use crate::geometry::{Aabb, Point};
+
+    fn apply(level: &Level, x: &[f32], scale: f32, out: &mut [f32]) {
+        for (k, out) in out.chunks_mut(level.plane_len()).enumerate() {
+            apply_plane(level, x, scale, k, out);
+        }
+    }
 
     fn level(n: usize) -> Level {
         let far = (n - 1) as f64;

@@ -192,7 +192,7 @@ fn winding_cloud(problem: &ImplicitProblem, params: &ImplicitParams) -> (Vec<Wei
     let mut spacing = params.prior.winding_sample_spacing;
     loop {
         let samples = thin::merged(problem, spacing);
-        if samples.len() <= 6000 {
+        if samples.len() <= 4000 {
             return (samples, spacing);
         }
         spacing *= 1.25;

@@ -6,40 +6,40 @@ use rayon::prelude::*;
 ///
 /// Barill et al., *Fast Winding Numbers for Soups and Clouds*, 2018, eq. 4, summed directly: O(nodes · samples), both few thousands.
 pub(super) struct Winding {
-    dipoles: Vec<[f32; 6]>,
+    /// Position and dipole in groups of eight: x, y, z, dx, dy, dz.
+    groups: Vec<[[f32; LANES]; 6]>,
 }
+
+const LANES: usize = 8;
 
 impl Winding {
     /// `samples` must be spread about one per `spacing` cube.
     pub(super) fn new(samples: &[WeightedSample], spacing: f64) -> Self {
-        let dipoles = samples
-            .iter()
-            .map(|s| {
-                // A plane of normal n cuts cubes of side s in pieces of mean area s² / (|nx| + |ny| + |nz|).
-                let area = spacing * spacing / s.normal.lp_norm(1).max(1e-9);
-                let d: Vector = s.normal * (area / (4.0 * std::f64::consts::PI));
-                let p = s.position;
-                [p.x as f32, p.y as f32, p.z as f32, d.x as f32, d.y as f32, d.z as f32]
-            })
-            .collect();
-        Self { dipoles }
+        let mut groups = vec![[[0.0; LANES]; 6]; samples.len().div_ceil(LANES)];
+        for (i, s) in samples.iter().enumerate() {
+            // A plane of normal n cuts cubes of side s in pieces of mean area s² / (|nx| + |ny| + |nz|).
+            let area = spacing * spacing / s.normal.lp_norm(1).max(1e-9);
+            let d: Vector = s.normal * (area / (4.0 * std::f64::consts::PI));
+            let p = s.position;
+            for (slot, value) in groups[i / LANES].iter_mut().zip([p.x, p.y, p.z, d.x, d.y, d.z]) {
+                slot[i % LANES] = value as f32;
+            }
+        }
+        Self { groups }
     }
 
     /// The winding number at `p`.
     pub(super) fn at(&self, p: &Point) -> f32 {
         let (x, y, z) = (p.x as f32, p.y as f32, p.z as f32);
-        let mut sum = 0.0f32;
-        for chunk in self.dipoles.chunks(64) {
-            let mut part = 0.0f32;
-            for d in chunk {
-                let (rx, ry, rz) = (d[0] - x, d[1] - y, d[2] - z);
+        let mut sum = [0.0f32; LANES];
+        for [px, py, pz, dx, dy, dz] in &self.groups {
+            for l in 0..LANES {
+                let (rx, ry, rz) = (px[l] - x, py[l] - y, pz[l] - z);
                 let r2 = rx * rx + ry * ry + rz * rz + 1e-8;
-                let inverse = 1.0 / r2.sqrt();
-                part += (rx * d[3] + ry * d[4] + rz * d[5]) * inverse * inverse * inverse;
+                sum[l] += (rx * dx[l] + ry * dy[l] + rz * dz[l]) / (r2 * r2.sqrt());
             }
-            sum += part;
         }
-        sum
+        sum.iter().sum()
     }
 }
 
