@@ -2,7 +2,9 @@ use crate::Outcome;
 use anyhow::Context as _;
 use palpate::geometry::Topology;
 use palpate::io::{read_cloud, write_mesh};
-use palpate::surface::{BallPivotingParams, PoissonParams, ball_pivoting, fill_holes, screened_poisson};
+use palpate::surface::{
+    BallPivotingParams, ImplicitParams, PoissonParams, ball_pivoting, fill_holes, implicit_surface, screened_poisson,
+};
 use std::path::PathBuf;
 
 #[derive(clap::Args)]
@@ -48,7 +50,7 @@ pub(crate) fn run(args: Args) -> anyhow::Result<Outcome> {
             let params = PoissonParams { depth: args.depth, ..Default::default() };
             screened_poisson(&cloud, None, &params).with_context(meshing)?.mesh
         }
-        Method::Implicit => anyhow::bail!("--method implicit is not available yet"),
+        Method::Implicit => implicit_surface(&cloud, &ImplicitParams::default()).with_context(meshing)?,
     };
     if args.fill_holes {
         mesh = fill_holes(&mesh);

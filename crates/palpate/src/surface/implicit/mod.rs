@@ -7,6 +7,7 @@
 //! follow the surface. The first two terms, the fourth and the free-space inequality: Calakli & Taubin, *SSD: Smooth Signed
 //! Distance Surface Reconstruction*, 2011, §3, extended by the one-sided terms.
 
+mod cloud;
 mod components;
 mod data;
 mod hessian;
@@ -16,6 +17,7 @@ mod prior;
 mod solver;
 mod thin;
 
+pub use cloud::implicit_surface;
 pub use params::{ImplicitParams, PriorParams};
 
 use super::isosurface::extract_isosurface;

@@ -8,6 +8,10 @@ use rayon::prelude::*;
 pub(super) struct Winding {
     /// Position and dipole in groups of eight: x, y, z, dx, dy, dz.
     groups: Vec<[[f32; LANES]; 6]>,
+    /// Keeps a sample's own singularity finite, m².
+    softening: f32,
+    /// Positions are relative to it, so that `f32` suffices far from the origin.
+    origin: Point,
 }
 
 const LANES: usize = 8;
@@ -15,27 +19,29 @@ const LANES: usize = 8;
 impl Winding {
     /// `samples` must be spread about one per `spacing` cube.
     pub(super) fn new(samples: &[WeightedSample], spacing: f64) -> Self {
+        let origin = samples.first().map_or_else(Point::origin, |s| s.position);
         let mut groups = vec![[[0.0; LANES]; 6]; samples.len().div_ceil(LANES)];
         for (i, s) in samples.iter().enumerate() {
             // A plane of normal n cuts cubes of side s in pieces of mean area s² / (|nx| + |ny| + |nz|).
             let area = spacing * spacing / s.normal.lp_norm(1).max(1e-9);
             let d: Vector = s.normal * (area / (4.0 * std::f64::consts::PI));
-            let p = s.position;
+            let p = s.position - origin;
             for (slot, value) in groups[i / LANES].iter_mut().zip([p.x, p.y, p.z, d.x, d.y, d.z]) {
                 slot[i % LANES] = value as f32;
             }
         }
-        Self { groups }
+        Self { groups, softening: (1e-3 * spacing * spacing) as f32, origin }
     }
 
     /// The winding number at `p`.
     pub(super) fn at(&self, p: &Point) -> f32 {
+        let p = p - self.origin;
         let (x, y, z) = (p.x as f32, p.y as f32, p.z as f32);
         let mut sum = [0.0f32; LANES];
         for [px, py, pz, dx, dy, dz] in &self.groups {
             for l in 0..LANES {
                 let (rx, ry, rz) = (px[l] - x, py[l] - y, pz[l] - z);
-                let r2 = rx * rx + ry * ry + rz * rz + 1e-8;
+                let r2 = rx * rx + ry * ry + rz * rz + self.softening;
                 sum[l] += (rx * dx[l] + ry * dy[l] + rz * dz[l]) / (r2 * r2.sqrt());
             }
         }

@@ -1,0 +1,100 @@
+use super::{ImplicitParams, ImplicitProblem, WeightedSample, solve_implicit};
+use crate::geometry::{KdTree, PointCloud, TriangleMesh};
+use crate::surface::SurfaceError;
+
+const LEAST_POINTS: usize = 10;
+
+/// The implicit surface of an oriented cloud about which nothing else is known: no free space, no guesses.
+///
+/// `params.spacing` is replaced by 1.3 times the median spacing of the points, so that any scale works.
+///
+/// # Errors
+/// [`SurfaceError`] for a cloud without normals, with too few points, or with coordinates or normals that are not finite.
+pub fn implicit_surface(cloud: &PointCloud, params: &ImplicitParams) -> Result<TriangleMesh, SurfaceError> {
+    let normals = cloud.normals.as_ref().ok_or(SurfaceError::NoNormals)?;
+    if cloud.len() < LEAST_POINTS {
+        return Err(SurfaceError::TooFewPoints { found: cloud.len(), needed: LEAST_POINTS });
+    }
+    let mut measured = Vec::with_capacity(cloud.len());
+    for (index, (p, n)) in cloud.points.iter().zip(normals).enumerate() {
+        if !p.iter().chain(n.iter()).all(|c| c.is_finite()) {
+            return Err(SurfaceError::NotFinite { index });
+        }
+        let Some(normal) = n.try_normalize(1e-300) else {
+            return Err(SurfaceError::ZeroNormal { index, length: n.norm() });
+        };
+        measured.push(WeightedSample { position: *p, normal, weight: 1.0 });
+    }
+    let bounds = cloud.bounds().ok_or(SurfaceError::TooFewPoints { found: 0, needed: LEAST_POINTS })?;
+    let spacing = 1.3 * median_spacing(cloud);
+    if !(spacing > 0.0 && spacing.is_finite()) {
+        return Err(SurfaceError::TooFewPoints { found: 1, needed: LEAST_POINTS });
+    }
+    let mut params = params.clone();
+    params.prior.winding_sample_spacing = (0.02 * bounds.diagonal()).max(spacing);
+    params.prior.hull_margin = 0.02 * bounds.diagonal();
+    params.spacing = spacing;
+    let unknown = |_: &_| f64::NEG_INFINITY;
+    let problem = ImplicitProblem {
+        measured: &measured,
+        guessed: &[],
+        bounds: bounds.inflated(0.1 * bounds.diagonal() + 4.0 * spacing),
+        free: &unknown,
+        free_fine: &unknown,
+    };
+    let mesh = solve_implicit(&problem, &params).extract();
+    if mesh.is_empty() {
+        let reason = "the implicit function is nowhere negative".into();
+        return Err(SurfaceError::NoSurface { points: cloud.len(), reason });
+    }
+    Ok(mesh)
+}
+
+/// Median distance of a point to its nearest neighbour elsewhere, over at most 2,000 points spread through the cloud.
+fn median_spacing(cloud: &PointCloud) -> f64 {
+    let tree = KdTree::new(&cloud.points);
+    let step = (cloud.len() / 2000).max(1);
+    let mut distances: Vec<f64> = cloud
+        .points
+        .iter()
+        .step_by(step)
+        .filter_map(|p| tree.nearest_n(p, 4).into_iter().map(|n| n.1).find(|&d| d > 0.0))
+        .collect();
+    if distances.is_empty() {
+        return 0.0;
+    }
+    let middle = distances.len() / 2;
+    *distances.select_nth_unstable_by(middle, f64::total_cmp).1
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::{Point, Topology, Vector};
+
+    #[test]
+    fn a_ball_of_any_size_is_closed_and_of_the_right_volume() {
+        for radius in [3e-6, 0.05, 2e3] {
+            let golden = std::f64::consts::PI * (3.0 - 5.0f64.sqrt());
+            let normals: Vec<Vector> = (0..3000)
+                .map(|i| {
+                    let z = 1.0 - (2 * i + 1) as f64 / 3000.0;
+                    let (r, a) = ((1.0 - z * z).sqrt(), golden * f64::from(i));
+                    Vector::new(r * a.cos(), r * a.sin(), z)
+                })
+                .collect();
+            let points = normals.iter().map(|n| Point::from(n * radius)).collect();
+            let cloud = PointCloud::with_normals(points, normals).expect("as many normals as points");
+            let mesh = implicit_surface(&cloud, &ImplicitParams::default()).expect("a ball has a surface");
+            assert!(Topology::of(&mesh).is_watertight());
+            let volume = 4.0 / 3.0 * std::f64::consts::PI * radius.powi(3);
+            assert!((mesh.volume() / volume - 1.0).abs() < 0.02, "{} of {volume}", mesh.volume());
+        }
+    }
+
+    #[test]
+    fn a_cloud_of_one_place_is_an_error() {
+        let cloud = PointCloud::with_normals(vec![Point::origin(); 20], vec![Vector::z(); 20]).expect("equal numbers");
+        assert!(implicit_surface(&cloud, &ImplicitParams::default()).is_err());
+    }
+}
