@@ -113,7 +113,10 @@ impl fmt::Display for Warning {
     }
 }
 
+/// Share of the outline on the image border from which the object counts as cut.
+const BORDER_SHARE: f64 = 0.01;
+
 /// The warning that belongs to a frame whose border cuts the object.
 pub(super) fn cut_by_border(visible: &crate::camera::Visible) -> Option<Warning> {
-    (visible.border_share > 0.0).then_some(Warning::CutByBorder { share: visible.border_share })
+    (visible.border_share > BORDER_SHARE).then_some(Warning::CutByBorder { share: visible.border_share })
 }

@@ -70,9 +70,12 @@ pub(super) fn gather(
             off <= reach
         });
     }
+    let mut evidence_params = params.evidence.clone();
+    evidence_params.pose_sigma_translation = evidence_params.pose_sigma_translation.max(scene.pose_sigma.translation);
+    evidence_params.pose_sigma_rotation = evidence_params.pose_sigma_rotation.max(scene.pose_sigma.rotation);
     let gather = |patches: &[(usize, Patch)]| {
         let patches: Vec<Patch> = patches.iter().map(|(_, p)| p.clone()).collect();
-        Evidence::gather(&scene.frame, visible, &patches, &params.evidence).map(|e| (e, patches))
+        Evidence::gather(&scene.frame, visible, &patches, &evidence_params).map(|e| (e, patches))
     };
     let (evidence, all) = gather(&patches)?;
     let inside_free = |patch: &Patch| {

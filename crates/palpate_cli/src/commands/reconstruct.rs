@@ -3,7 +3,7 @@ use crate::progress::StageClock;
 use crate::report;
 use anyhow::{Context as _, bail};
 use palpate::geometry::PointCloud;
-use palpate::io;
+use palpate::io::{self, SceneFile};
 use palpate::pipeline::{self, Method, ReconstructParams, Reconstruction, Stages, Surface};
 use std::path::{Path, PathBuf};
 
@@ -15,7 +15,7 @@ use std::path::{Path, PathBuf};
 
 Exit status 3: a mesh was written, but something was lost on the way (a touch left out, the object cut by the image border).")]
 pub(crate) struct Args {
-    /// Scene folders (see `palpate init`); several make OUT a folder.
+    /// Scene folders (see `palpate init`) or objects of the YCB-Sight set; several make OUT a folder.
     #[arg(required = true, value_name = "SCENE")]
     scenes: Vec<PathBuf>,
     /// Mesh to write, world frame, metres: .ply, .obj, .stl or .glb.
@@ -28,7 +28,7 @@ pub(crate) struct Args {
     #[arg(long, value_enum)]
     surface: Option<SurfaceArg>,
     /// Pixel on the object, when the scene has no mask and several things stand on the table.
-    #[arg(long, value_name = "U,V", value_parser = parse_pixel)]
+    #[arg(long, value_name = "U,V", value_parser = super::clean::pixel)]
     pick: Option<(f64, f64)>,
     /// Use only the first N touches.
     #[arg(long, value_name = "N")]
@@ -69,15 +69,6 @@ enum DecoderArg {
     Auto,
     /// Recorded maps; images are ignored.
     Recorded,
-}
-
-pub(crate) fn parse_pixel(text: &str) -> Result<(f64, f64), String> {
-    let (u, v) = text.split_once(',').ok_or("expected U,V, for example 320,240")?;
-    let number = |s: &str| match s.trim().parse::<f64>() {
-        Ok(x) if x.is_finite() && x >= 0.0 => Ok(x),
-        _ => Err(format!("'{s}' is not a pixel coordinate")),
-    };
-    Ok((number(u)?, number(v)?))
 }
 
 pub(crate) fn run(args: Args) -> anyhow::Result<Outcome> {
@@ -137,7 +128,7 @@ fn reconstruct_one(
     io::check_writable(output)?;
     let clock = StageClock::start();
     clock.begin("read");
-    let file = io::read_scene(folder)?;
+    let file = read_input(folder, params.seed)?;
     for warning in &file.warnings {
         clock.say(&format!("warning: {warning}"));
     }
@@ -158,6 +149,20 @@ fn reconstruct_one(
     }
     println!("{}", report::one_line(output, &result, &timings));
     Ok(if result.warnings.is_empty() { Outcome::Done } else { Outcome::Degraded })
+}
+
+/// A scene folder, or an object in the YCB-Sight layout (told by its `pose.txt`).
+fn read_input(folder: &Path, seed: u64) -> anyhow::Result<SceneFile> {
+    if !folder.join("pose.txt").is_file() {
+        return Ok(io::read_scene(folder)?);
+    }
+    let file = io::read_ycb_sight(folder)?;
+    Ok(SceneFile {
+        scene: file.object.into_scene(seed),
+        truth: None,
+        tactile_background: None,
+        warnings: file.warnings,
+    })
 }
 
 /// The clouds between the steps, and the effective parameters.

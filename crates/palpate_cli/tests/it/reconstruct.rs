@@ -1,0 +1,133 @@
+//! The main job as a process: what it writes, what it says, how it ends.
+
+use crate::workshop::{Said, Workshop, palpate};
+use palpate::geometry::{Raster, Topology};
+use palpate::io::{read_mesh, write_depth_png, write_height_map_npy, write_mask};
+
+fn reconstruct(shop: &Workshop, more: &[&str]) -> Said {
+    let (scene, out) = (shop.text("s"), shop.text("out.ply"));
+    let mut args = vec!["reconstruct", &scene, "--output", &out, "--config"];
+    let config = shop.text("coarse.toml");
+    shop.put("coarse.toml", b"[implicit]\nspacing = 0.003\ndense_cells = 20000\n");
+    args.push(&config);
+    args.extend(more);
+    palpate(args)
+}
+
+#[test]
+fn a_scene_becomes_a_closed_mesh_with_report_and_steps() {
+    let shop = Workshop::new();
+    let (report, keep) = (shop.text("report.json"), shop.text("steps"));
+    reconstruct(&shop, &["--report", &report, "--keep", &keep]).expect(0, &["faces", "2 touches"]);
+    let mesh = read_mesh(shop.path("out.ply")).expect("written");
+    assert!(Topology::of(&mesh).is_watertight());
+    let report: serde_json::Value = serde_json::from_slice(&std::fs::read(report).expect("written")).expect("JSON");
+    assert_eq!(report["counts"]["touches_used"], 2);
+    assert_eq!(report["mesh"]["closed"], true);
+    assert!(report["timings"].as_array().is_some_and(|t| t.len() > 5));
+    for step in ["visible", "moved", "removed", "felt", "fused", "mesh"] {
+        assert!(shop.path("steps").join(step).with_extension("ply").is_file(), "{step}");
+    }
+}
+
+#[test]
+fn the_same_bytes_whatever_the_number_of_threads() {
+    let shop = Workshop::new();
+    let mut written = Vec::new();
+    for threads in ["1", "2"] {
+        reconstruct(&shop, &["--threads", threads]).expect(0, &[]);
+        written.push(std::fs::read(shop.path("out.ply")).expect("written"));
+    }
+    assert!(written[0] == written[1], "1 and 2 threads gave different files");
+}
+
+#[test]
+fn zero_touches_are_fine_and_the_paper_method_too() {
+    let shop = Workshop::new();
+    reconstruct(&shop, &["--max-touches", "0"]).expect(0, &["0 touches"]);
+    reconstruct(&shop, &["--method", "paper", "--surface", "ball-pivoting"]);
+    reconstruct(&shop, &["--method", "paper"]).expect(0, &["faces"]);
+    reconstruct(&shop, &["--method", "paper", "--surface", "implicit"]).expect(1, &["'poisson' or 'ball-pivoting'"]);
+}
+
+#[test]
+fn a_touch_far_from_the_object_is_left_out_and_said() {
+    let shop = Workshop::new();
+    let text = std::fs::read_to_string(shop.path("s/scene.toml")).expect("there");
+    let at = text.rfind("translation = [").expect("the last touch");
+    let end = at + text[at..].find(']').expect("closed");
+    let moved = format!("{}translation = [0.9, 0.0, 0.04{}", &text[..at], &text[end..]);
+    shop.put("s/scene.toml", moved.as_bytes());
+    reconstruct(&shop, &[]).expect(3, &["touch 1 was left out", "mm from the visible side"]);
+    assert!(shop.path("out.ply").is_file(), "exit status 3 means that there is a mesh");
+}
+
+#[test]
+fn an_object_cut_by_the_border_is_said() {
+    let shop = Workshop::new();
+    // The same sphere, with the left half of the image missing: its outline now runs along the border of what was taken.
+    shop.edit("cx = 31.5", "cx = 7.5").edit("width = 64", "width = 40");
+    let file = palpate::io::read_depth_png(shop.path("s/depth.png"), 1e-4).expect("there");
+    let cropped = Raster::from_fn(48, 40, |r, c| file[(r, c + 24)]);
+    write_depth_png(shop.path("s/depth.png"), &cropped, 1e-4).expect("written");
+    write_mask(shop.path("s/mask.png"), &cropped.map(|z| z.is_finite())).expect("written");
+    reconstruct(&shop, &[]).expect(3, &["the image border cuts the object"]);
+}
+
+#[test]
+fn bad_maps_are_errors_that_leave_nothing_behind() {
+    let nan = Workshop::new();
+    let mut map = Raster::filled(24, 32, 0.0f32);
+    map[(3, 4)] = f32::NAN;
+    write_height_map_npy(nan.path("s/touches/000_height.npy"), &map).expect("written");
+    reconstruct(&nan, &[]).expect(1, &["000_height.npy"]);
+    let pixels = Workshop::new();
+    write_height_map_npy(pixels.path("s/touches/000_height.npy"), &Raster::filled(24, 32, -12.0f32)).expect("written");
+    reconstruct(&pixels, &[]).expect(1, &["000_height.npy", "pixels"]);
+    assert!(!nan.path("out.ply").exists() && !pixels.path("out.ply").exists());
+}
+
+#[test]
+fn outputs_that_cannot_be_written_are_said_before_the_work() {
+    let shop = Workshop::new();
+    let scene = shop.text("s");
+    palpate(["reconstruct", &scene, "--output", &shop.text("missing/out.ply")]).expect(1, &["missing"]);
+    palpate(["reconstruct", &scene, "--output", &scene]).expect(1, &["folder"]);
+    palpate(["reconstruct", &scene, &scene, "--output", &shop.text("out.ply")]).expect(1, &["must be a folder"]);
+    palpate(["reconstruct", &scene]).expect(2, &["--output"]);
+}
+
+#[test]
+fn an_unknown_parameter_is_named() {
+    let shop = Workshop::new();
+    shop.put("bad.toml", b"[implicit]\nspaceing = 0.001\n");
+    reconstruct(&shop, &[]).expect(0, &[]);
+    let (scene, out, config) = (shop.text("s"), shop.text("o.ply"), shop.text("bad.toml"));
+    palpate(["reconstruct", &scene, "--output", &out, "--config", &config]).expect(1, &["bad.toml", "spaceing"]);
+}
+
+#[test]
+fn an_interrupted_run_leaves_no_partial_file() {
+    let shop = Workshop::new();
+    let mut child = std::process::Command::new(assert_cmd::cargo::cargo_bin!("palpate"))
+        .args(["reconstruct", &shop.text("s"), "--output", &shop.text("out.ply")])
+        .stdout(std::process::Stdio::null())
+        .stderr(std::process::Stdio::null())
+        .spawn()
+        .expect("the program starts");
+    std::thread::sleep(std::time::Duration::from_millis(100));
+    child.kill().expect("still running or just done");
+    child.wait().expect("ended");
+    // Either nothing, or a whole mesh: never a part.
+    if shop.path("out.ply").exists() {
+        read_mesh(shop.path("out.ply")).expect("a whole file");
+    }
+}
+
+#[test]
+fn the_written_defaults_are_the_defaults() {
+    let said = palpate(["config"]);
+    let file = concat!(env!("CARGO_MANIFEST_DIR"), "/../../config/default.toml");
+    let written = std::fs::read_to_string(file).expect("config/default.toml is in the repository");
+    assert_eq!(said.out, written, "remake it with `palpate config > config/default.toml`");
+}
