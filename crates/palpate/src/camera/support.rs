@@ -182,7 +182,11 @@ mod tests {
         let wavy: Vec<Point> = (0..1000).map(|i| Point::new(0.0, 0.0, 0.7 + 0.003 * (f64::from(i)).sin())).collect();
         let support = Support::known(plane, &wavy, &params);
         // The median of |3 mm · sin| is 3 mm · sin 45°.
-        assert!((support.margin - params.margin_sigmas * 1.4826 * 0.003 * 0.7071).abs() < 2e-4, "{}", support.margin);
+        assert!(
+            (support.margin - params.margin_sigmas * 1.4826 * 0.003 * std::f64::consts::FRAC_1_SQRT_2).abs() < 2e-4,
+            "{}",
+            support.margin
+        );
         assert_eq!(Support::known(plane, &[], &params).margin, params.min_margin);
     }
 }

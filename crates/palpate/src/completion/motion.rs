@@ -56,11 +56,15 @@ pub fn copyings(symmetry: &Symmetry, radius: f64, arc: f64) -> Vec<Copying> {
         let turns: Vec<Copying> =
             axis.motions(copies).into_iter().map(|motion| Copying { motion, score, family: 0 }).collect();
         let alone = next();
-        turns.iter().for_each(|turn| push(*turn, alone));
+        for turn in &turns {
+            push(*turn, alone);
+        }
         for (plane, reflection) in &planes {
             if plane.normal.dot(&direction).abs() > 0.97 {
                 let composed = next();
-                turns.iter().for_each(|turn| push(reflection.then(turn), composed));
+                for turn in &turns {
+                    push(reflection.then(turn), composed);
+                }
             }
         }
         return out;

@@ -97,11 +97,11 @@ fn joined_to_samples(unknown: &VoxelGrid<bool>, samples: &[Sample]) -> VoxelGrid
     // A sample's own node is never free: a wall thinner than a cell would vanish between the nodes.
     let mut stack: Vec<usize> = Vec::new();
     for s in samples {
-        if let Some(node) = unknown.nearest(&s.position) {
-            if !joined.as_slice()[node] {
-                joined.as_mut_slice()[node] = true;
-                stack.push(node);
-            }
+        if let Some(node) = unknown.nearest(&s.position)
+            && !joined.as_slice()[node]
+        {
+            joined.as_mut_slice()[node] = true;
+            stack.push(node);
         }
     }
     while let Some(node) = stack.pop() {

@@ -72,7 +72,7 @@ impl<T> VoxelGrid<T> {
     #[inline]
     pub fn nearest(&self, p: &Point) -> Option<usize> {
         let c = self.coordinates(p);
-        let node = |x: f64, n: usize| (x > -0.5 && x < n as f64 - 0.5).then(|| (x + 0.5) as usize);
+        let node = |x: f64, n: usize| (x > -0.5 && x < n as f64 - 0.5).then_some((x + 0.5) as usize);
         Some(self.index(node(c.x, self.dims[0])?, node(c.y, self.dims[1])?, node(c.z, self.dims[2])?))
     }
 }

@@ -98,7 +98,7 @@ mod tests {
         let d = Distances::new(&samples(&[0.5e-3, 1.5e-3], 1.0), &samples(&[3e-3, 3e-3, 3e-3, 6e-3], 0.5));
         let d = d.expect("both ways have samples");
         let close = |a: f64, b: f64| assert!((a - b).abs() < 1e-9, "{a} is not {b}");
-        close(d.chamfer_squared_mm2, (0.25 + 2.25) / 2.0 + (27.0 + 36.0) / 4.0);
+        close(d.chamfer_squared_mm2, f64::midpoint(0.25, 2.25) + (27.0 + 36.0) / 4.0);
         close(d.chamfer_mean_mm, f64::midpoint(1.0, 3.75));
         close(d.accuracy_mm, 1.0);
         close(d.completeness_mm, 3.75);

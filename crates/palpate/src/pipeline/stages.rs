@@ -70,7 +70,7 @@ pub(super) fn gather(
             off <= reach
         });
     }
-    let mut evidence_params = params.evidence.clone();
+    let mut evidence_params = params.evidence;
     evidence_params.pose_sigma_translation = evidence_params.pose_sigma_translation.max(scene.pose_sigma.translation);
     evidence_params.pose_sigma_rotation = evidence_params.pose_sigma_rotation.max(scene.pose_sigma.rotation);
     let gather = |patches: &[(usize, Patch)]| {

@@ -192,7 +192,7 @@ mod tests {
             }
             assert_eq!(GLYPHS.iter().filter(|g| g.0 == *c).count(), 1, "'{c}' is there twice");
         }
-        assert!((' '..='~').filter(|c| c.is_ascii_alphanumeric()).all(|c| glyph(c).0 == c));
+        assert!((' '..='~').filter(char::is_ascii_alphanumeric).all(|c| glyph(c).0 == c));
     }
 
     #[test]

@@ -19,7 +19,7 @@ pub fn render_scene(items: &[Item], viewpoint: &Viewpoint) -> Raster<[u8; 3]> {
     let camera_from_world = view.world_from_camera.rotation.inverse();
     let up = camera_from_world * view.up;
     let towards_light = (up + Vector::new(-0.5, 0.0, -0.5)).normalize();
-    let light = view.from_light(&(view.world_from_camera.rotation * towards_light), SHADOW_RESOLUTION);
+    let light = view.seen_by_light(&(view.world_from_camera.rotation * towards_light), SHADOW_RESOLUTION);
     let shadow = draw(items, &light, 1.0);
     lay_ground(&mut picture, &view);
     let lights = lighting(&picture, &view, &shadow, &light);

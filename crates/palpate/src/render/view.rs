@@ -121,7 +121,7 @@ impl Viewpoint {
     }
 
     /// A distant camera with the same shapes in its square picture: the view of a light.
-    pub(super) fn from_light(&self, towards_light: &Vector, resolution: usize) -> Self {
+    pub(super) fn seen_by_light(&self, towards_light: &Vector, resolution: usize) -> Self {
         let orientation = looking(&-towards_light, &self.up);
         let distance = 20.0 * self.extent;
         // The shapes fit a ball of the box's half diagonal; the ground shadow needs no more, as only shapes cast it.

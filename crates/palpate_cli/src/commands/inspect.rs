@@ -91,9 +91,9 @@ impl Inspection {
             println!("size                   {:.3} × {:.3} × {:.3} mm", mm(0), mm(1), mm(2));
         }
         println!("area                   {:.3} cm²", 1e4 * self.area_m2);
-        if let (Some(volume), Some(c), Some(inertia)) = (self.volume_m3, self.centroid, self.inertia_m5) {
+        if let (Some(volume), Some([x, y, z]), Some(inertia)) = (self.volume_m3, self.centroid, self.inertia_m5) {
             println!("volume                 {:.3} cm³", 1e6 * volume);
-            println!("centroid               ({:.6}, {:.6}, {:.6}) m", c[0], c[1], c[2]);
+            println!("centroid               ({x:.6}, {y:.6}, {z:.6}) m");
             println!(
                 "inertia at 1 kg/m³     [{:.6e} {:.6e} {:.6e}] kg m²",
                 inertia[0][0], inertia[0][1], inertia[0][2]

@@ -292,8 +292,12 @@ mod tests {
 
     #[test]
     fn views_and_sizes_are_read_as_documented() {
-        assert!(matches!(parse_side("top"), Ok(Side::Angles { elevation, .. }) if (elevation - 1.5708).abs() < 1e-4));
-        assert!(matches!(parse_side("-90,30"), Ok(Side::Angles { azimuth, .. }) if (azimuth + 1.5708).abs() < 1e-4));
+        assert!(
+            matches!(parse_side("top"), Ok(Side::Angles { elevation, .. }) if (elevation - std::f64::consts::FRAC_PI_2).abs() < 1e-4)
+        );
+        assert!(
+            matches!(parse_side("-90,30"), Ok(Side::Angles { azimuth, .. }) if (azimuth + std::f64::consts::FRAC_PI_2).abs() < 1e-4)
+        );
         assert!(parse_side("behind").is_err() && parse_side("1,2,3").is_err() && parse_side("nan,0").is_err());
         assert_eq!(parse_size("640x480"), Ok((640, 480)));
         assert!(parse_size("640").is_err() && parse_size("0x480").is_err() && parse_size("100000x8").is_err());

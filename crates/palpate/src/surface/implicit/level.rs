@@ -131,7 +131,9 @@ impl Level {
                 let row = self.index(0, j, k);
                 let values = &mut self.values[row..row + nx];
                 if k == 0 || j == 0 || k + 1 == nz || j + 1 == ny {
-                    values.iter_mut().for_each(|v| *v = v.max(0.1));
+                    for v in &mut *values {
+                        *v = v.max(0.1);
+                    }
                 }
                 values[0] = values[0].max(0.1);
                 values[nx - 1] = values[nx - 1].max(0.1);

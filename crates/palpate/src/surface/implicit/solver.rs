@@ -21,11 +21,12 @@ impl Pulls {
             weight += self.free_weight;
             target += self.free_weight * t;
         }
-        if let Some(&w) = self.prior_weight.get(n) {
-            if w > 0.0 && f < 1.0 {
-                weight += w;
-                target += w;
-            }
+        if let Some(&w) = self.prior_weight.get(n)
+            && w > 0.0
+            && f < 1.0
+        {
+            weight += w;
+            target += w;
         }
         (weight, target)
     }

@@ -39,12 +39,11 @@ impl Field {
     /// The function at a node of the finest lattice.
     fn at_node(&self, node: Cell) -> f64 {
         let Some(finest) = self.levels.last() else { return 0.0 };
-        match finest.lattice.find(node) {
-            Some(i) => finest.values[i],
-            None => {
-                let n = f64::from(1_u32 << finest.depth);
-                self.at(node.map(|c| f64::from(c) / n))
-            }
+        if let Some(i) = finest.lattice.find(node) {
+            finest.values[i]
+        } else {
+            let n = f64::from(1_u32 << finest.depth);
+            self.at(node.map(|c| f64::from(c) / n))
         }
     }
 
