@@ -14,4 +14,4 @@ palpate render \
     "$parts/visible.ply+$parts/moved.ply+$parts/felt.ply" \
     "$parts/bottle.ply" \
     --caption "seen,+ guessed,+ touched,mesh" \
-    --view-of samples/mustard_bottle --size 300x440 --output docs/pictures/steps.png
+    --view 205,15 --size 300x440 --output docs/pictures/steps.png

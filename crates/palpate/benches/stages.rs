@@ -1,14 +1,18 @@
-//! One bench per stage, on a rendered frame: a ball on a table at 640×480.
+//! One bench per stage, on a rendered frame (a ball on a table at 640×480), and the main job end to end.
 
 use criterion::{Criterion, criterion_group, criterion_main};
 use palpate::camera::{
     Background, DepthNoise, Frame, PinholeCamera, SegmentParams, SmoothParams, segment_object, smooth_depth,
 };
 use palpate::geometry::{Isometry, PlaneRansac, Point, Raster, Vector};
+use palpate::pipeline::{ReconstructParams, Stages, reconstruct};
+use palpate::simulate::{SimulateParams, Solid, simulate_scene};
 use rand::SeedableRng as _;
 use rand_distr::{Distribution as _, Normal};
 use rand_pcg::Pcg64Mcg;
+use std::cell::RefCell;
 use std::hint::black_box;
+use std::time::Instant;
 
 /// Height of the camera over the table, metres.
 const HEIGHT: f64 = 0.475;
@@ -57,5 +61,28 @@ fn see(criterion: &mut Criterion) {
     });
 }
 
-criterion_group!(stages, see);
+/// The whole of `fused` at the defaults with 20 touches at 640×480; the stage breakdown goes to standard error.
+fn main_job(criterion: &mut Criterion) {
+    let solid = Solid::named("tabbed-box").expect("a known solid").mesh(1e-4, 5e-3);
+    let mut simulate = SimulateParams::default();
+    simulate.touch.count = 20;
+    let made = simulate_scene("tabbed-box", &solid, &simulate).expect("a valid scene");
+    let params = ReconstructParams::default();
+    let log = RefCell::new(Vec::new());
+    let stages = Stages { on_stage: Some(&|name| log.borrow_mut().push((name, Instant::now()))), ..Stages::default() };
+    reconstruct(&made.scene, &params, &stages).expect("a mesh");
+    let log = log.into_inner();
+    let ends = log.iter().skip(1).map(|l| l.1).chain([Instant::now()]);
+    for ((name, start), end) in log.iter().zip(ends) {
+        eprintln!("{name:>10} {:.3} s", (end - *start).as_secs_f64());
+    }
+    let mut group = criterion.benchmark_group("main job");
+    group.sample_size(10);
+    group.bench_function("fused, 20 touches, 640x480", |b| {
+        b.iter(|| reconstruct(black_box(&made.scene), &params, &Stages::default()));
+    });
+    group.finish();
+}
+
+criterion_group!(stages, see, main_job);
 criterion_main!(stages);

@@ -4,15 +4,15 @@ use crate::evidence::EvidenceError;
 use crate::surface::SurfaceError;
 use crate::tactile::{DecodeError, LiftError};
 
-/// Why a reconstruction failed: one variant per stage.
+/// Why a reconstruction failed: one variant per stage. The message names the stage; the reason is its `source`.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum ReconstructError {
     /// The object could not be found in the frame.
-    #[error("seeing the object: {0}")]
+    #[error("seeing the object")]
     Segment(#[from] SegmentError),
     /// A tactile image could not be decoded.
-    #[error("touch {touch}: {source}")]
+    #[error("touch {touch}")]
     Decode {
         /// Index of the touch in the order taken.
         touch: usize,
@@ -20,7 +20,7 @@ pub enum ReconstructError {
         source: DecodeError,
     },
     /// A contact could not be lifted.
-    #[error("touch {touch}: {source}")]
+    #[error("touch {touch}")]
     Lift {
         /// Index of the touch in the order taken.
         touch: usize,
@@ -34,13 +34,13 @@ pub enum ReconstructError {
         touches: usize,
     },
     /// The evidence does not suffice.
-    #[error("gathering the evidence: {0}")]
+    #[error("gathering the evidence")]
     Evidence(#[from] EvidenceError),
     /// No surface could be made.
-    #[error("meshing: {0}")]
+    #[error("meshing")]
     Surface(#[from] SurfaceError),
     /// The published method failed.
-    #[error("method 'paper': {0}")]
+    #[error("method 'paper'")]
     Paper(#[from] PaperError),
     /// The implicit surface is a matter of `fused`.
     #[error("method 'paper' meshes by 'poisson' or 'ball-pivoting', not by 'implicit'")]

@@ -29,7 +29,7 @@ pub const LATTICE_LIMIT: i32 = 1 << 19;
 ///
 /// # References
 /// Lorensen & Cline, *Marching cubes*, SIGGRAPH 1987; the face rule that leaves no cracks: Montani, Scateni & Scopigno, *A modified look-up table for
-/// implicit disambiguation of marching cubes*, The Visual Computer 10, 1994. The tables are derived here from that rule, see [`CASES`].
+/// implicit disambiguation of marching cubes*, The Visual Computer 10, 1994. The tables are derived here from that rule, see `CASES`.
 pub fn extract_isosurface(
     cells: &[[i32; 3]],
     value: impl Fn([i32; 3]) -> f64 + Sync,

@@ -43,9 +43,19 @@ pub(crate) fn palpate<S: AsRef<std::ffi::OsStr>>(args: impl IntoIterator<Item = 
 }
 
 impl Workshop {
+    /// A tiny scene: 64 × 48 pixels.
     pub(crate) fn new() -> Self {
+        Self::scaled(1)
+    }
+
+    /// The same scene with enough pixels on the object to reconstruct it: 192 × 144.
+    pub(crate) fn detailed() -> Self {
+        Self::scaled(3)
+    }
+
+    fn scaled(scale: usize) -> Self {
         let folder = tempfile::tempdir().expect("temporary folder");
-        write_scene(folder.path().join("s"), &SceneToWrite::new(&scene())).expect("a valid scene");
+        write_scene(folder.path().join("s"), &SceneToWrite::new(&scene(scale))).expect("a valid scene");
         Self { folder }
     }
 
@@ -83,10 +93,12 @@ impl Workshop {
 }
 
 /// A sphere of 40 mm over a table, seen from 0.4 m above, touched twice on a flat gel.
-fn scene() -> Scene {
-    let camera = PinholeCamera { width: 64, height: 48, fx: 60.0, fy: 60.0, cx: 31.5, cy: 23.5, distortion: [0.0; 5] };
+fn scene(scale: usize) -> Scene {
+    let (width, height, focal) = (64 * scale, 48 * scale, 60.0 * scale as f64);
+    let (cx, cy) = ((width as f64 - 1.0) / 2.0, (height as f64 - 1.0) / 2.0);
+    let camera = PinholeCamera { width, height, fx: focal, fy: focal, cx, cy, distortion: [0.0; 5] };
     let (distance, radius) = (0.4, 0.04);
-    let depth = Raster::from_fn(48, 64, |row, col| {
+    let depth = Raster::from_fn(height, width, |row, col| {
         // Camera on the z axis, looking down at a sphere centred at depth 0.4.
         let ray = camera.ray(col as f64, row as f64);
         let half_b = ray.z * distance;
