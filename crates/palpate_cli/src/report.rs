@@ -56,7 +56,7 @@ fn mesh(mesh: &TriangleMesh) -> Value {
 pub(crate) fn hypothesis(h: &Hypothesis) -> Value {
     let element = match &h.element {
         SymmetryElement::Reflection(plane) => {
-            json!({ "kind": "plane", "normal": plane.normal.as_slice(), "offset": plane.offset })
+            json!({ "kind": "reflection", "normal": plane.normal.as_slice(), "offset": plane.offset })
         }
         SymmetryElement::Axis { point, direction, order } => {
             json!({ "kind": "axis", "point": point.coords.as_slice(), "direction": direction.as_slice(), "order": order })

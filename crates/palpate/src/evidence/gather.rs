@@ -14,6 +14,8 @@ const LEAST_SAMPLES: usize = 10;
 pub struct Evidence {
     /// The measured surface: seen samples first, then the felt ones touch by touch.
     pub samples: Vec<Sample>,
+    /// Every measured point, not averaged: seen ones row by row, then felt ones touch by touch.
+    pub measured: Vec<Sample>,
     /// Nearest-sample look-up over `samples`.
     pub index: SampleIndex,
     /// The space that is proven free.
@@ -44,9 +46,12 @@ impl Evidence {
         if (rows, cols) != (found_rows, found_cols) || visible.mask.shape() != (rows, cols) {
             return Err(EvidenceError::SizeMismatch { found_rows, found_cols, rows, cols });
         }
-        let mut samples = average_in_voxels(&seen_samples(frame, visible, params), params.seen_voxel);
+        let mut measured = seen_samples(frame, visible, params);
+        let mut samples = average_in_voxels(&measured, params.seen_voxel);
         for (touch, patch) in patches.iter().enumerate() {
-            samples.extend(average_in_voxels(&felt_samples(patch, touch as u32, params), params.felt_voxel));
+            let felt = felt_samples(patch, touch as u32, params);
+            samples.extend(average_in_voxels(&felt, params.felt_voxel));
+            measured.extend(felt);
         }
         if samples.len() < LEAST_SAMPLES {
             return Err(EvidenceError::TooFewSamples { found: samples.len(), needed: LEAST_SAMPLES });
@@ -59,6 +64,7 @@ impl Evidence {
             support: visible.support,
             camera_center: frame.world_from_camera * Point::origin(),
             samples,
+            measured,
         })
     }
 

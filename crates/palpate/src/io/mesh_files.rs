@@ -107,6 +107,15 @@ pub fn parse_cloud(name: &Path, bytes: &[u8]) -> Result<CloudFile, IoError> {
     Ok(CloudFile { dropped: total - cloud.len(), cloud })
 }
 
+/// Checks that [`write_mesh`] knows the extension.
+pub(super) fn check_mesh_extension(path: &Path) -> Result<(), IoError> {
+    let known = ".ply .obj .stl .glb";
+    if known.split(' ').any(|k| k[1..] == extension(path)) {
+        return Ok(());
+    }
+    Err(IoError::Extension { path: path.to_owned(), known })
+}
+
 /// Writes a mesh by extension: `.ply` (binary little endian), `.obj`, `.stl` (binary) or `.glb`; vertex colours where the format
 /// has them (not STL). Coordinates become 32-bit floats.
 ///

@@ -35,5 +35,5 @@ pub use mesh_files::{
 pub use npy::{NpyArray, parse_npy, read_height_map_npy, read_npy, write_height_map_npy, write_npy};
 pub use scene::{SceneCheck, SceneFile, check_scene, read_scene};
 pub use scene_write::{NewScene, SceneToWrite, init_scene, write_scene};
-pub use text::{check_writable, create_folder, read_text, write_text};
+pub use text::{check_mesh_output, check_writable, create_folder, read_text, write_text};
 pub use ycb_sight::{YcbSightFile, read_ycb_sight, write_ycb_sight};

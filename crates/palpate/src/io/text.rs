@@ -29,6 +29,15 @@ pub fn create_folder(path: impl AsRef<Path>) -> Result<(), IoError> {
     fs::create_dir_all(path).map_err(|source| IoError::Write { path: path.to_owned(), source })
 }
 
+/// Checks that a mesh could be written under this name: a known extension, and as [`check_writable`].
+///
+/// # Errors
+/// [`IoError::Extension`], or as [`check_writable`].
+pub fn check_mesh_output(path: impl AsRef<Path>) -> Result<(), IoError> {
+    super::mesh_files::check_mesh_extension(path.as_ref())?;
+    check_writable(path)
+}
+
 /// Checks that an output file could be written, before hours are spent on what goes into it.
 ///
 /// # Errors

@@ -2,6 +2,7 @@ use super::PaperError;
 use crate::camera::SegmentError;
 use crate::evidence::EvidenceError;
 use crate::surface::SurfaceError;
+use crate::symmetry::SymmetryError;
 use crate::tactile::{DecodeError, LiftError};
 
 /// Why a reconstruction failed: one variant per stage. The message names the stage; the reason is its `source`.
@@ -42,6 +43,19 @@ pub enum ReconstructError {
     /// The published method failed.
     #[error("method 'paper'")]
     Paper(#[from] PaperError),
+    /// A parameter is out of range.
+    #[error("parameter '{field}' is {value}; it must be {rule}")]
+    Params {
+        /// Name of the field.
+        field: &'static str,
+        /// Value found.
+        value: f64,
+        /// What is allowed.
+        rule: &'static str,
+    },
+    /// A parameter of the symmetry search is out of range.
+    #[error("seeking symmetry")]
+    Symmetry(#[from] SymmetryError),
     /// The implicit surface is a matter of `fused`.
     #[error("method 'paper' meshes by 'poisson' or 'ball-pivoting', not by 'implicit'")]
     ImplicitPaper,

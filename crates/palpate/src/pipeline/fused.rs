@@ -1,12 +1,11 @@
-use super::reconstruct::{Reconstruction, Stages, felt_cloud};
+use super::reconstruct::{Reconstruction, Stages, Warning, felt_cloud};
 use super::{ReconstructError, ReconstructParams, Surface, stages as step};
-use crate::camera::{Visible, segment_object};
+use crate::camera::segment_object;
 use crate::completion::{MovedEvidence, move_evidence};
 use crate::evidence::{Evidence, Sample};
-use crate::geometry::{Point, PointCloud, TriangleMesh, Vector};
+use crate::geometry::{PointCloud, Topology, TriangleMesh};
 use crate::scene::Scene;
-use crate::surface::{ImplicitProblem, WeightedSample, ball_pivoting, screened_poisson, solve_implicit};
-use crate::tactile::Patch;
+use crate::surface::{ImplicitProblem, SurfaceError, WeightedSample, ball_pivoting, screened_poisson, solve_implicit};
 
 /// Our method: everything known, weighted by what it is worth, in one implicit function (method.md §3–5).
 pub(super) fn reconstruct(
@@ -35,13 +34,21 @@ pub(super) fn reconstruct(
 
     // Fuse and mesh: one function, weighted by what each sample is worth.
     stages.begin("fuse");
-    let measured = measured_samples(scene, &visible, &patches);
+    let measured: Vec<WeightedSample> =
+        evidence.measured.iter().map(|s| weighted(s, params.full_weight_sigma)).collect();
     let guessed = guessed_samples(&moved);
     let mesh = match params.surface() {
         Surface::Implicit => implicit_mesh(&evidence, &measured, &guessed, params, stages),
         other => point_mesh(&measured, &guessed, other, params)?,
     };
 
+    if mesh.is_empty() {
+        let reason = "the implicit function is nowhere negative".into();
+        return Err(SurfaceError::NoSurface { points: measured.len(), reason }.into());
+    }
+    if !Topology::of(&mesh).is_closed() {
+        warnings.push(Warning::Open);
+    }
     let visible_cloud = visible.cloud(&scene.frame);
     Ok(Reconstruction {
         mesh,
@@ -56,14 +63,10 @@ pub(super) fn reconstruct(
     })
 }
 
-/// All measured points with full weight: the denoised raster and the patches.
-fn measured_samples(scene: &Scene, visible: &Visible, patches: &[Patch]) -> Vec<WeightedSample> {
-    let mut clouds = visible.cloud(&scene.frame);
-    clouds.colors = None;
-    clouds.append(&felt_cloud(patches));
-    let normals = clouds.normals.as_deref().unwrap_or_default();
-    let sample = |(p, n): (&Point, &Vector)| WeightedSample { position: *p, normal: *n, weight: 1.0 };
-    clouds.points.iter().zip(normals).map(sample).collect()
+/// A measurement weighs 1 up to a σ of `full`, then falls as 1/σ².
+fn weighted(sample: &Sample, full: f64) -> WeightedSample {
+    let weight = (full / sample.sigma.max(1e-9)).powi(2).min(1.0);
+    WeightedSample { position: sample.position, normal: sample.normal, weight }
 }
 
 fn guessed_samples(moved: &MovedEvidence) -> Vec<WeightedSample> {
@@ -101,8 +104,8 @@ fn point_mesh(
     let cloud = weighted_cloud(measured.iter().chain(guessed));
     let weights: Vec<f64> = measured.iter().chain(guessed).map(|s| s.weight).collect();
     Ok(match surface {
-        Surface::BallPivoting => ball_pivoting(&cloud, &params.ball_pivoting)?,
-        _ => screened_poisson(&cloud, Some(&weights), &params.poisson)?.mesh,
+        Surface::BallPivoting => ball_pivoting(&cloud, &params.paper.ball_pivoting)?,
+        _ => screened_poisson(&cloud, Some(&weights), &params.paper.poisson)?.mesh,
     })
 }
 

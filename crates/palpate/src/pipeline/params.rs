@@ -1,8 +1,9 @@
-use super::paper::PaperParams;
+use super::ReconstructError;
+use super::paper::{PaperParams, PaperSurface};
 use crate::camera::SegmentParams;
 use crate::completion::OrbitParams;
 use crate::evidence::EvidenceParams;
-use crate::surface::{BallPivotingParams, ImplicitParams, PoissonParams};
+use crate::surface::ImplicitParams;
 use crate::symmetry::SymmetryParams;
 use crate::tactile::LiftParams;
 use serde::{Deserialize, Serialize};
@@ -31,7 +32,7 @@ pub enum Surface {
 }
 
 /// Everything that can be set; nests the parameters of the stages.
-#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct ReconstructParams {
     /// Method.
@@ -42,6 +43,9 @@ pub struct ReconstructParams {
     pub seed: u64,
     /// Use only the first touches.
     pub max_touches: Option<usize>,
+    /// σ up to which a measurement has the full weight, metres (`fused`). Larger trusts uncertain touches and far readings more.
+    /// 2 mm is what a guess is worth at best.
+    pub full_weight_sigma: f64,
     /// When a touch is left out.
     pub touches: TouchParams,
     /// From the frame to the object's visible side.
@@ -54,14 +58,30 @@ pub struct ReconstructParams {
     pub symmetry: SymmetryParams,
     /// Moving the evidence (`fused`).
     pub orbit: OrbitParams,
-    /// The published method (`paper`).
+    /// The published method (`paper`); its surfaces also mesh the evidence of `fused` on request.
     pub paper: PaperParams,
     /// Implicit function.
     pub implicit: ImplicitParams,
-    /// Screened Poisson.
-    pub poisson: PoissonParams,
-    /// Ball pivoting.
-    pub ball_pivoting: BallPivotingParams,
+}
+
+impl Default for ReconstructParams {
+    fn default() -> Self {
+        Self {
+            method: Method::default(),
+            surface: None,
+            seed: 0,
+            max_touches: None,
+            full_weight_sigma: 2e-3,
+            touches: TouchParams::default(),
+            segment: SegmentParams::default(),
+            lift: LiftParams::default(),
+            evidence: EvidenceParams::default(),
+            symmetry: SymmetryParams::default(),
+            orbit: OrbitParams::default(),
+            paper: PaperParams::default(),
+            implicit: ImplicitParams::default(),
+        }
+    }
 }
 
 /// When a touch is left out.
@@ -81,11 +101,42 @@ impl Default for TouchParams {
 }
 
 impl ReconstructParams {
+    /// Checks every stage's parameters.
+    ///
+    /// # Errors
+    /// The first that is out of range, with field, value and rule.
+    pub fn validate(&self) -> Result<(), ReconstructError> {
+        let positive = |field: &'static str, value: f64| {
+            let good = value.is_finite() && value > 0.0;
+            if good { Ok(()) } else { Err(ReconstructError::Params { field, value, rule: "positive and finite" }) }
+        };
+        positive("full_weight_sigma", self.full_weight_sigma)?;
+        positive("touches.max_in_free_space", self.touches.max_in_free_space)?;
+        positive("touches.max_diagonals", self.touches.max_diagonals)?;
+        positive("orbit.arc", self.orbit.arc)?;
+        positive("orbit.full_score", self.orbit.full_score)?;
+        positive("orbit.free_tolerance", self.orbit.free_tolerance)?;
+        self.segment.validate()?;
+        self.evidence.validate()?;
+        self.symmetry.validate()?;
+        self.implicit.validate()?;
+        if self.method == Method::Paper {
+            self.paper.validate()?;
+            if self.surface == Some(Surface::Implicit) {
+                return Err(ReconstructError::ImplicitPaper);
+            }
+        }
+        Ok(())
+    }
+
     /// The surface that will be used.
     pub fn surface(&self) -> Surface {
         self.surface.unwrap_or(match self.method {
             Method::Fused => Surface::Implicit,
-            Method::Paper => Surface::Poisson,
+            Method::Paper => match self.paper.surface {
+                PaperSurface::Poisson => Surface::Poisson,
+                PaperSurface::BallPivoting => Surface::BallPivoting,
+            },
         })
     }
 }

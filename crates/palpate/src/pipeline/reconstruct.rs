@@ -68,6 +68,11 @@ pub fn reconstruct(
     params: &ReconstructParams,
     stages: &Stages,
 ) -> Result<Reconstruction, ReconstructError> {
+    params.validate()?;
+    let mut params = params.clone();
+    params.segment.seed = params.segment.seed.wrapping_add(params.seed);
+    params.symmetry.seed = params.symmetry.seed.wrapping_add(params.seed);
+    let params = &params;
     let search = EvidenceSearch { params: params.symmetry };
     let stages = Stages {
         decoder: stages.decoder,

@@ -6,7 +6,7 @@ use crate::camera::Visible;
 use crate::evidence::Evidence;
 use crate::geometry::Point;
 use crate::scene::Scene;
-use crate::tactile::{Patch, lift};
+use crate::tactile::{LiftError, Patch, lift};
 
 /// Decodes and lifts the touches in use; contacts with nothing in them are left out.
 pub(super) fn feel(
@@ -35,12 +35,12 @@ pub(super) fn feel(
                 return Err(ReconstructError::Decode { touch: i, source });
             }
         };
-        let patch = lift(contact, sensor, &touch.world_from_sensor, &params.lift)
-            .map_err(|source| ReconstructError::Lift { touch: i, source })?;
-        if patch.points.is_empty() {
-            warnings.push(Warning::TouchLeftOut { touch: i, reason: "nothing touches the gel".into() });
-        } else {
-            patches.push((i, patch));
+        match lift(contact, sensor, &touch.world_from_sensor, &params.lift) {
+            Ok(patch) => patches.push((i, patch)),
+            Err(nothing @ LiftError::NoSurface { .. }) => {
+                warnings.push(Warning::TouchLeftOut { touch: i, reason: nothing.to_string() });
+            }
+            Err(source) => return Err(ReconstructError::Lift { touch: i, source }),
         }
     }
     Ok(patches)

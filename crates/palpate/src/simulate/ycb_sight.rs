@@ -248,9 +248,39 @@ fn rasterize(cloud: &[Point], camera: &PinholeCamera, world_from_camera: &Isomet
     depth
 }
 
+/// Fills the gaps that the noise across the rays left: pixels with at least five read neighbours of eight, then, ring by ring, every
+/// empty pixel that the object encloses. A gap left open would count as a ray that passes the object.
 fn closed_gaps(depth: &Raster<f32>) -> Raster<f32> {
+    let mut depth = filled_where(depth, 5, |_, _| true);
+    let outside = reached_from_border(&depth);
+    let enclosed = |row: usize, col: usize| !outside[(row, col)];
+    while depth.pixels().any(|(row, col, z)| z.is_nan() && enclosed(row, col)) {
+        depth = filled_where(&depth, 1, enclosed);
+    }
+    depth
+}
+
+/// The empty pixels that are joined, by edges, to the border of the image.
+fn reached_from_border(depth: &Raster<f32>) -> Raster<bool> {
+    let (rows, cols) = depth.shape();
+    let mut reached = Raster::filled(rows, cols, false);
+    let mut stack: Vec<(usize, usize)> = (0..rows).flat_map(|r| [(r, 0), (r, cols - 1)]).collect();
+    stack.extend((0..cols).flat_map(|c| [(0, c), (rows - 1, c)]));
+    while let Some((row, col)) = stack.pop() {
+        if reached[(row, col)] || depth[(row, col)].is_finite() {
+            continue;
+        }
+        reached[(row, col)] = true;
+        let steps = [(row.wrapping_sub(1), col), (row + 1, col), (row, col.wrapping_sub(1)), (row, col + 1)];
+        stack.extend(steps.into_iter().filter(|&(r, c)| r < rows && c < cols));
+    }
+    reached
+}
+
+/// Each empty pixel that may be filled and has `least` read neighbours takes their mean.
+fn filled_where(depth: &Raster<f32>, least: usize, may: impl Fn(usize, usize) -> bool) -> Raster<f32> {
     Raster::from_fn(depth.rows(), depth.cols(), |row, col| {
-        if depth[(row, col)].is_finite() {
+        if depth[(row, col)].is_finite() || !may(row, col) {
             return depth[(row, col)];
         }
         let (mut sum, mut count) = (0.0, 0);
@@ -262,7 +292,7 @@ fn closed_gaps(depth: &Raster<f32>) -> Raster<f32> {
                 }
             }
         }
-        if count >= 5 { sum / count as f32 } else { f32::NAN }
+        if count >= least { sum / count as f32 } else { f32::NAN }
     })
 }
 

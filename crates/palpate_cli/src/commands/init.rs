@@ -95,6 +95,8 @@ fn intrinsics(text: &str) -> anyhow::Result<PinholeCamera> {
     let distortion = if found.distortion.is_array() {
         serde_json::from_value(found.distortion)
             .with_context(|| format!("{text}: distortion must be k1, k2, p1, p2, k3"))?
+    } else if found.distortion.is_object() || found.distortion.is_number() {
+        bail!("{text}: distortion must be a list k1, k2, p1, p2, k3, not {}", found.distortion);
     } else {
         [0.0; 5]
     };

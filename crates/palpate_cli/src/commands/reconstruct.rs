@@ -33,10 +33,10 @@ pub(crate) struct Args {
     /// Use only the first N touches.
     #[arg(long, value_name = "N")]
     max_touches: Option<usize>,
-    /// How tactile images become height maps: recorded maps, or a decoder for touches that have none.
+    /// Where height maps come from; this version uses recorded ones only.
     #[arg(long, value_enum, default_value_t = DecoderArg::Auto)]
     decoder: DecoderArg,
-    /// JSON with timings, counts, symmetries, warnings and parameters.
+    /// JSON with timings, counts, symmetries, warnings and parameters; with several scenes one beside each mesh.
     #[arg(long, value_name = "FILE")]
     report: Option<PathBuf>,
     /// Folder for the clouds between the steps (visible, moved, removed, felt, fused), to look at in MeshLab.
@@ -80,17 +80,40 @@ pub(crate) fn run(args: Args) -> anyhow::Result<Outcome> {
         bail!("{} scenes were given, so --output must be a folder, not '{}'", args.scenes.len(), args.output.display());
     }
     io::create_folder(&args.output)?;
-    let mut degraded = false;
-    for scene in &args.scenes {
-        let name = scene.file_name().with_context(|| format!("'{}' has no folder name", scene.display()))?;
-        let output = args.output.join(name).with_extension("ply");
-        let report = args.report.as_ref().map(|_| args.output.join(name).with_extension("json"));
+    let names = scene_names(&args.scenes)?;
+    let (mut degraded, mut failed) = (false, 0);
+    for (scene, name) in args.scenes.iter().zip(&names) {
+        let output = args.output.join(format!("{name}.ply"));
+        let report = args.report.as_ref().map(|_| args.output.join(format!("{name}.json")));
         let keep = args.keep.as_ref().map(|keep| keep.join(name));
-        let outcome = reconstruct_one(scene, &output, report.as_deref(), keep.as_deref(), &params)
-            .with_context(|| format!("scene '{}'", scene.display()))?;
-        degraded |= matches!(outcome, Outcome::Degraded);
+        // One bad scene does not cost the others.
+        match reconstruct_one(scene, &output, report.as_deref(), keep.as_deref(), &params) {
+            Ok(outcome) => degraded |= matches!(outcome, Outcome::Degraded),
+            Err(error) => {
+                eprintln!("palpate: scene '{}': {error:#}", scene.display());
+                failed += 1;
+            }
+        }
     }
-    Ok(if degraded { Outcome::Degraded } else { Outcome::Done })
+    if failed == args.scenes.len() {
+        bail!("none of the {failed} scenes could be reconstructed");
+    }
+    Ok(if degraded || failed > 0 { Outcome::Degraded } else { Outcome::Done })
+}
+
+/// Folder names, which become file names; two of the same would overwrite one another.
+fn scene_names(scenes: &[PathBuf]) -> anyhow::Result<Vec<String>> {
+    let mut names: Vec<String> = Vec::with_capacity(scenes.len());
+    for scene in scenes {
+        let whole = scene.canonicalize().unwrap_or_else(|_| scene.clone());
+        let name = whole.file_name().with_context(|| format!("'{}' has no folder name", scene.display()))?;
+        let name = name.to_string_lossy().into_owned();
+        if names.contains(&name) {
+            bail!("two scenes are called '{name}': their meshes would overwrite each other");
+        }
+        names.push(name);
+    }
+    Ok(names)
 }
 
 fn effective_params(args: &Args) -> anyhow::Result<ReconstructParams> {
@@ -125,7 +148,13 @@ fn reconstruct_one(
     params: &ReconstructParams,
 ) -> anyhow::Result<Outcome> {
     // A wrong output path must not cost the user the run.
-    io::check_writable(output)?;
+    io::check_mesh_output(output)?;
+    if let Some(report) = report {
+        io::check_writable(report)?;
+    }
+    if let Some(keep) = keep {
+        io::create_folder(keep)?;
+    }
     let clock = StageClock::start();
     clock.begin("read");
     let file = read_input(folder, params.seed)?;

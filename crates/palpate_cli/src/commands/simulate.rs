@@ -4,6 +4,7 @@ use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use palpate::geometry::TriangleMesh;
 use palpate::io::{SceneToWrite, read_mesh, write_mesh, write_scene, write_ycb_sight};
 use palpate::simulate::{SimulateParams, Solid, TouchParams, simulate_scene, simulate_ycb_sight};
+use palpate::tactile::TactileSensor;
 use rayon::prelude::*;
 use std::io::IsTerminal as _;
 use std::path::{Path, PathBuf};
@@ -15,14 +16,14 @@ pub(crate) struct Args {
     #[arg(required = true, value_name = "MESH")]
     meshes: Vec<String>,
     /// Folder for the scenes; made if it is missing
-    #[arg(long, value_name = "DIR")]
+    #[arg(short, long, value_name = "DIR")]
     output: PathBuf,
     /// Views of each object: 30°, 42°, 55° high, azimuth drawn by the seed
-    #[arg(long, default_value_t = 1, value_name = "V")]
-    views: usize,
+    #[arg(long, default_value_t = 1, value_name = "V", value_parser = clap::value_parser!(u16).range(1..))]
+    views: u16,
     /// Simulate this view only
     #[arg(long, value_name = "K", conflicts_with = "views")]
-    view: Option<usize>,
+    view: Option<u16>,
     /// Touches of each scene; the first of a larger number are the same
     #[arg(long, default_value_t = 20, value_name = "N")]
     touches: usize,
@@ -38,9 +39,9 @@ pub(crate) struct Args {
     /// 1σ per axis of the recorded touch poses: millimetres, degrees
     #[arg(long, value_name = "MM,DEG", value_parser = parse_pose_noise, default_value = "0,0")]
     pose_noise: (f64, f64),
-    /// Width of the height maps, pixels
-    #[arg(long, default_value_t = 320, value_name = "PX")]
-    map_width: usize,
+    /// Width of the height maps, pixels; default 320, or the sensor's own if that is less
+    #[arg(long, value_name = "PX")]
+    map_width: Option<usize>,
     /// 1σ of the depth noise, millimetres
     #[arg(long, default_value_t = 1.0, value_name = "MM")]
     depth_noise: f64,
@@ -85,8 +86,8 @@ pub(crate) fn run(args: Args) -> anyhow::Result<Outcome> {
     std::fs::create_dir_all(&args.output).with_context(|| format!("making the folder {}", args.output.display()))?;
     let views = match (args.layout, args.view) {
         (Layout::YcbSight, _) => 0..1,
-        (Layout::Scene, Some(k)) => k..k + 1,
-        (Layout::Scene, None) => 0..args.views,
+        (Layout::Scene, Some(k)) => usize::from(k)..usize::from(k) + 1,
+        (Layout::Scene, None) => 0..usize::from(args.views),
     };
     let jobs: Vec<Job> =
         (0..objects.len()).flat_map(|object| views.clone().map(move |view| Job { object, view })).collect();
@@ -122,7 +123,9 @@ impl Args {
         params.touch = TouchParams {
             count: self.touches,
             sensor: self.sensor.clone(),
-            map_width: self.map_width,
+            map_width: self
+                .map_width
+                .unwrap_or_else(|| TactileSensor::preset(&self.sensor).map_or(320, |sensor| sensor.width.min(320))),
             candidates: params.touch.candidates.max(self.touches),
             pose_sigma_translation: self.pose_noise.0 * 1e-3,
             pose_sigma_rotation: self.pose_noise.1.to_radians(),

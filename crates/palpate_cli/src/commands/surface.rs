@@ -12,7 +12,7 @@ pub(crate) struct Args {
     /// The cloud with outward normals: .ply or .pcd
     cloud: PathBuf,
     /// The mesh: .ply, .obj, .stl or .glb
-    #[arg(long, value_name = "OUT.ply")]
+    #[arg(short, long, value_name = "OUT.ply")]
     output: PathBuf,
     /// How to mesh
     #[arg(long, value_enum)]

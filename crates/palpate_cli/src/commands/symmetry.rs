@@ -91,7 +91,7 @@ pub(crate) fn run(args: Args) -> anyhow::Result<Outcome> {
         eprintln!("palpate: {warning}");
     }
     let scene = file.scene;
-    let segment = SegmentParams { pick: args.pick, ..SegmentParams::default() };
+    let segment = SegmentParams { pick: args.pick, seed: args.seed, ..SegmentParams::default() };
     let visible = segment_object(&scene.frame, &segment).context("finding the object")?;
     let (patches, lost) = lift_touches(&scene, args.max_touches.unwrap_or(usize::MAX));
     let params = EvidenceParams {

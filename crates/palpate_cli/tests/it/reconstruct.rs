@@ -107,6 +107,28 @@ fn an_unknown_parameter_is_named() {
 }
 
 #[test]
+fn a_parameter_out_of_range_is_named_before_the_work() {
+    let shop = Workshop::detailed();
+    for (line, field) in [("spacing = 0.0", "implicit.spacing"), ("dense_cells = 100", "implicit.dense_cells")] {
+        shop.put("bad.toml", format!("[implicit]\n{line}\n").as_bytes());
+        let (scene, out, config) = (shop.text("s"), shop.text("o.ply"), shop.text("bad.toml"));
+        palpate(["reconstruct", &scene, "--output", &out, "--config", &config]).expect(1, &[field]);
+    }
+}
+
+#[test]
+fn a_touch_without_contact_and_a_bad_scene_cost_only_themselves() {
+    let shop = Workshop::detailed();
+    write_mask(shop.path("s/touches/001_contact.png"), &Raster::filled(24, 32, false)).expect("written");
+    reconstruct(&shop, &[]).expect(3, &["touch 1 was left out"]);
+    let (good, bad, out) = (shop.text("s"), shop.text("nowhere"), shop.text("meshes"));
+    let config = shop.text("coarse.toml");
+    palpate(["reconstruct", &good, &bad, "--output", &out, "--config", &config]).expect(3, &["nowhere"]);
+    assert!(shop.path("meshes/s.ply").is_file());
+    palpate(["reconstruct", &good, &good, "--output", &out]).expect(1, &["two scenes are called 's'"]);
+}
+
+#[test]
 fn an_interrupted_run_leaves_no_partial_file() {
     let shop = Workshop::detailed();
     let mut child = std::process::Command::new(assert_cmd::cargo::cargo_bin!("palpate"))

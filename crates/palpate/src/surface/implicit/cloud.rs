@@ -11,6 +11,7 @@ const LEAST_POINTS: usize = 10;
 /// # Errors
 /// [`SurfaceError`] for a cloud without normals, with too few points, or with coordinates or normals that are not finite.
 pub fn implicit_surface(cloud: &PointCloud, params: &ImplicitParams) -> Result<TriangleMesh, SurfaceError> {
+    params.validate()?;
     let normals = cloud.normals.as_ref().ok_or(SurfaceError::NoNormals)?;
     if cloud.len() < LEAST_POINTS {
         return Err(SurfaceError::TooFewPoints { found: cloud.len(), needed: LEAST_POINTS });

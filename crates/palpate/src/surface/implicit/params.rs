@@ -1,3 +1,4 @@
+use crate::surface::SurfaceError;
 use serde::{Deserialize, Serialize};
 
 /// Parameters of the implicit function.
@@ -45,6 +46,32 @@ pub struct PriorParams {
     /// Hull and `winding_threshold` are used from this ratio of guessed to measured samples on: the hull of the visible side alone
     /// would cut the hidden side off.
     pub hull_from_share: f64,
+}
+
+impl ImplicitParams {
+    /// Checks every field.
+    ///
+    /// # Errors
+    /// [`SurfaceError::InvalidParameter`] names the first that is out of range.
+    pub fn validate(&self) -> Result<(), SurfaceError> {
+        let rules: [(&'static str, f64, f64); 8] = [
+            ("implicit.spacing", self.spacing, f64::MIN_POSITIVE),
+            ("implicit.dense_cells", self.dense_cells as f64, 1000.0),
+            ("implicit.max_nodes", self.max_nodes as f64, 1000.0),
+            ("implicit.smoothness", self.smoothness, f64::MIN_POSITIVE),
+            ("implicit.sample_spacing", self.sample_spacing, 1e-3),
+            ("implicit.band_cells", self.band_cells as f64, 1.0),
+            ("implicit.tolerance", self.tolerance, f64::MIN_POSITIVE),
+            ("implicit.prior.winding_sample_spacing", self.prior.winding_sample_spacing, f64::MIN_POSITIVE),
+        ];
+        for (field, value, least) in rules {
+            if !(value.is_finite() && value >= least) {
+                let rule = "must be finite and large enough (positive; counts of cells and nodes at least 1000)";
+                return Err(SurfaceError::InvalidParameter { field, value: value.to_string(), rule });
+            }
+        }
+        Ok(())
+    }
 }
 
 impl Default for ImplicitParams {

@@ -5,7 +5,7 @@ use palpate::geometry::TriangleMesh;
 use palpate::scene::Scene;
 use std::path::{Path, PathBuf};
 
-const MESH_EXTENSIONS: [&str; 5] = ["ply", "obj", "off", "stl", "glb"];
+const MESH_EXTENSIONS: [&str; 4] = ["ply", "obj", "off", "stl"];
 
 /// Objects of `--quick` if present: a box, a bottle, a curved and a hollow one, a tool, a ball.
 const QUICK: [&str; 6] =
