@@ -34,8 +34,8 @@ pub fn create_folder(path: impl AsRef<Path>) -> Result<(), IoError> {
 /// # Errors
 /// [`IoError::Extension`], or as [`check_writable`].
 pub fn check_mesh_output(path: impl AsRef<Path>) -> Result<(), IoError> {
-    super::mesh_files::check_mesh_extension(path.as_ref())?;
-    check_writable(path)
+    check_writable(path.as_ref())?;
+    super::mesh_files::check_mesh_extension(path.as_ref())
 }
 
 /// Checks that an output file could be written, before hours are spent on what goes into it.
