@@ -33,6 +33,8 @@ enum Command {
     Surface(commands::surface::Args),
     /// Planes, axes and spheres of symmetry that the evidence supports
     Symmetry(commands::symmetry::Args),
+    /// Tactile images to height maps and contact masks
+    Decode(commands::decode::Args),
     /// Distances, F-scores and volumetric IoU of a mesh against the truth
     Compare(commands::compare::Args),
     /// Ray-cast a picture of meshes or scenes
@@ -57,6 +59,7 @@ impl Args {
             Command::Clean(args) => commands::clean::run(args),
             Command::Surface(args) => commands::surface::run(args),
             Command::Symmetry(args) => commands::symmetry::run(args),
+            Command::Decode(args) => commands::decode::run(args),
             Command::Compare(args) => commands::compare::run(args),
             Command::Render(args) => commands::render::run(args),
             Command::Inspect(args) => commands::inspect::run(args),

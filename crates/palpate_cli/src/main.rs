@@ -3,8 +3,10 @@
 mod args;
 mod commands;
 mod config;
+mod decoders;
 mod progress;
 mod report;
+mod video;
 
 use clap::Parser as _;
 use std::process::ExitCode;

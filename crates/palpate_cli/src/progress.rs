@@ -1,7 +1,8 @@
 //! Progress on standard error: a spinner with the stage's name, shown only once the work takes long and only to a terminal.
 
-use indicatif::{ProgressBar, ProgressStyle};
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use std::cell::RefCell;
+use std::sync::Once;
 use std::time::{Duration, Instant};
 
 /// Names the running stage to the user and times every stage.
@@ -41,5 +42,38 @@ impl StageClock {
         let stages = self.stages.borrow();
         let ends = stages.iter().skip(1).map(|s| s.1).chain([Instant::now()]);
         stages.iter().zip(ends).map(|(s, end)| (s.0, (end - s.1).as_secs_f64())).collect()
+    }
+}
+
+/// A bar that appears once the work has taken two seconds, and only on a terminal.
+pub(crate) struct LateBar {
+    bar: ProgressBar,
+    begun: Instant,
+    shown: Once,
+}
+
+impl LateBar {
+    /// * `count` – steps, if they are known
+    pub(crate) fn new(count: Option<usize>, what: &str) -> Self {
+        let template = match count {
+            Some(_) => format!("{{bar:40}} {{pos}}/{{len}} {what}, {{eta}} to go"),
+            None => format!("{{spinner}} {{pos}} {what}, {{elapsed}} gone"),
+        };
+        let bar = ProgressBar::with_draw_target(count.map(|n| n as u64), ProgressDrawTarget::hidden());
+        bar.set_style(ProgressStyle::with_template(&template).expect("the template is valid"));
+        Self { bar, begun: Instant::now(), shown: Once::new() }
+    }
+
+    pub(crate) fn step(&self) {
+        self.bar.inc(1);
+        if self.begun.elapsed() > Duration::from_secs(2) {
+            self.shown.call_once(|| self.bar.set_draw_target(ProgressDrawTarget::stderr()));
+        }
+    }
+}
+
+impl Drop for LateBar {
+    fn drop(&mut self) {
+        self.bar.finish_and_clear();
     }
 }

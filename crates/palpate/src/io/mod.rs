@@ -9,6 +9,7 @@ mod atomic;
 mod error;
 mod glb;
 mod images;
+mod lookup_table;
 mod mesh_files;
 mod npy;
 mod obj;
@@ -30,6 +31,7 @@ pub use images::{
     parse_color, parse_depth_png, parse_mask, read_color, read_depth_png, read_mask, write_color, write_depth_png,
     write_mask,
 };
+pub use lookup_table::read_lookup_table;
 pub use mesh_files::{
     CloudFile, parse_cloud, parse_mesh, read_cloud, read_cloud_file, read_mesh, write_cloud, write_mesh,
 };

@@ -10,6 +10,7 @@ mod oracle_plane;
 mod raster;
 mod statistics;
 mod surface_samples;
+mod tactile;
 #[cfg(test)]
 pub(crate) mod test_shapes;
 mod truth;
@@ -20,5 +21,6 @@ pub use distances::{Distances, SampleDistances};
 pub use oracle_plane::{mirror_error, oracle_plane};
 pub use statistics::{Interval, Summary, bootstrap_interval, quantile, summarize};
 pub use surface_samples::SurfaceSamples;
+pub use tactile::{TactileErrors, TactileMetricsError, compare_contacts};
 pub use truth::{CompareParams, TruthReference, Viewpoint};
 pub use volumetric_iou::{IouParams, volumetric_iou};

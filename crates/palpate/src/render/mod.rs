@@ -7,9 +7,11 @@ mod item;
 mod occlusion;
 mod panels;
 mod shade;
+mod tactile;
 mod view;
 
 pub use item::{Item, Paint, Shape, palette};
 pub use panels::{Fit, Panel, render_panels};
 pub use shade::render_scene;
+pub use tactile::render_contact;
 pub use view::{Look, View, Viewpoint};

@@ -3,16 +3,24 @@
 mod contact;
 mod decode;
 mod gaussian;
+mod integrate;
 mod lift;
+mod lookup_table;
+mod no_contact;
 pub mod optics;
 mod patch;
 mod press;
 pub(crate) mod resample;
 mod sensor;
+mod threshold;
 
 pub use contact::{Contact, ContactError, Touch};
 pub use decode::{DecodeError, TactileDecoder};
+pub use integrate::Integrator;
 pub use lift::{LiftError, LiftParams, lift};
+pub use lookup_table::{Border, CalibrationSample, LookupDecoder, LookupTable, LookupTableError};
+pub use no_contact::{NoContact, average_blocks};
 pub use patch::Patch;
 pub use press::{PressError, PressParams, Pressed, press, press_surface};
 pub use sensor::{RelaxedGel, SensorError, TactileSensor};
+pub use threshold::{CONTACT_FLOOR, CONTACT_SHARE, ThresholdDecoder, mask_from_height};

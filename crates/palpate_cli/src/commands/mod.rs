@@ -5,6 +5,7 @@ pub(crate) mod check;
 pub(crate) mod clean;
 pub(crate) mod compare;
 pub(crate) mod config;
+pub(crate) mod decode;
 pub(crate) mod init;
 pub(crate) mod inspect;
 pub(crate) mod presses;

@@ -1,0 +1,80 @@
+//! From flags to a tactile decoder.
+
+use anyhow::{Context as _, bail};
+use palpate::io::{read_color, read_lookup_table};
+use palpate::tactile::{Border, LookupDecoder, NoContact, TactileDecoder, TactileSensor, ThresholdDecoder};
+use std::path::{Path, PathBuf};
+
+/// A way from a tactile image to a contact.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, clap::ValueEnum)]
+pub(crate) enum DecoderKind {
+    /// Small network with the weights that come with palpate
+    Compact,
+    /// Colour table and fast Poisson, border relaxed (the published baseline); needs --lookup-table
+    Lookup,
+    /// The same with free borders
+    LookupFree,
+    /// Change of brightness: contact mask only, the height map is the relaxed gel
+    Threshold,
+    /// The published network; needs --weights and a build with the feature `nn`
+    Fcrn,
+}
+
+impl DecoderKind {
+    pub(crate) fn name(self) -> &'static str {
+        match self {
+            Self::Compact => "compact",
+            Self::Lookup => "lookup",
+            Self::LookupFree => "lookup-free",
+            Self::Threshold => "threshold",
+            Self::Fcrn => "fcrn",
+        }
+    }
+
+    /// Whether the height map is decoded, and not the relaxed gel.
+    pub(crate) fn gives_heights(self) -> bool {
+        self != Self::Threshold
+    }
+}
+
+/// Files that decoders need.
+#[derive(Debug, Clone, Default, clap::Args)]
+pub(crate) struct DecoderFiles {
+    /// Folder with grad_mag.npy and grad_dir.npy: the colour table of the decoder 'lookup'
+    #[arg(long, value_name = "DIR")]
+    pub(crate) lookup_table: Option<PathBuf>,
+    /// Weights of a network, instead of those that come with palpate
+    #[arg(long, value_name = "FILE")]
+    pub(crate) weights: Option<PathBuf>,
+}
+
+/// Makes a decoder for a sensor whose no-contact image this is.
+pub(crate) fn make(
+    kind: DecoderKind,
+    no_contact: NoContact,
+    files: &DecoderFiles,
+) -> anyhow::Result<Box<dyn TactileDecoder>> {
+    let lookup = |border| -> anyhow::Result<Box<dyn TactileDecoder>> {
+        let Some(folder) = &files.lookup_table else {
+            bail!(
+                "the decoder '{}' needs --lookup-table DIR with grad_mag.npy and grad_dir.npy (the table of the YCB-Sight \
+                 release cannot be shipped: its licence is CC BY-SA)",
+                kind.name()
+            );
+        };
+        Ok(Box::new(LookupDecoder::new(read_lookup_table(folder)?, no_contact.clone(), border)))
+    };
+    match kind {
+        DecoderKind::Lookup => lookup(Border::Relaxed),
+        DecoderKind::LookupFree => lookup(Border::Free),
+        DecoderKind::Threshold => Ok(Box::new(ThresholdDecoder::new(no_contact))),
+        DecoderKind::Compact | DecoderKind::Fcrn => {
+            bail!("the decoder '{}' is not built yet", kind.name())
+        }
+    }
+}
+
+/// Reads the no-contact image of a sensor.
+pub(crate) fn read_no_contact(path: &Path, sensor: &TactileSensor) -> anyhow::Result<NoContact> {
+    NoContact::new(read_color(path)?, sensor).with_context(|| format!("background {}", path.display()))
+}
