@@ -25,6 +25,8 @@ enum Command {
     Reconstruct(commands::reconstruct::Args),
     /// Simulate scenes with exact truth from meshes
     Simulate(commands::simulate::Args),
+    /// Simulate tactile presses with truth, to train and test decoders
+    Presses(commands::presses::Args),
     /// RGB-D frame to the object's points with normals, world frame
     Clean(commands::clean::Args),
     /// Mesh an oriented point cloud
@@ -66,6 +68,7 @@ impl Args {
             Command::Check(args) => commands::check::run(args),
             Command::Reconstruct(args) => commands::reconstruct::run(args),
             Command::Simulate(args) => commands::simulate::run(args),
+            Command::Presses(args) => commands::presses::run(args),
             Command::Clean(args) => commands::clean::run(args),
             Command::Surface(args) => commands::surface::run(args),
             Command::Symmetry(args) => commands::symmetry::run(args),

@@ -15,6 +15,7 @@ mod obj;
 mod off;
 mod pcd;
 mod ply;
+mod press_set;
 mod raw;
 mod scene;
 mod scene_format;
@@ -33,6 +34,7 @@ pub use mesh_files::{
     CloudFile, parse_cloud, parse_mesh, read_cloud, read_cloud_file, read_mesh, write_cloud, write_mesh,
 };
 pub use npy::{NpyArray, parse_npy, read_height_map_npy, read_npy, write_height_map_npy, write_npy};
+pub use press_set::{PressSet, PressSetHeader, begin_press_set, has_press_shard, write_press_shard};
 pub use scene::{SceneCheck, SceneFile, check_scene, read_scene};
 pub use scene_write::{NewScene, SceneToWrite, init_scene, write_scene};
 pub use text::{check_mesh_output, check_writable, create_folder, read_text, write_text};

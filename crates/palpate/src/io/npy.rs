@@ -8,7 +8,7 @@ use super::raw::{check_claim, number};
 use super::{IoError, atomic_write};
 use crate::geometry::Raster;
 use std::io::Write as _;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 const FORMAT: &str = "npy";
 
@@ -91,6 +91,7 @@ fn decoder(kind: &str) -> Option<fn(&[u8]) -> f64> {
         "<i4" => number!(i32, from_le_bytes),
         "<u8" => number!(u64, from_le_bytes),
         "<i8" => number!(i64, from_le_bytes),
+        "<f2" => |b| <[u8; 2]>::try_from(b).map_or(f64::NAN, |b| half::f16::from_le_bytes(b).to_f64()),
         "<f4" => number!(f32, from_le_bytes),
         "<f8" => number!(f64, from_le_bytes),
         ">u2" => number!(u16, from_be_bytes),
@@ -141,7 +142,8 @@ pub(super) fn write_mask_npy(path: &Path, mask: &Raster<bool>) -> Result<(), IoE
     write_array(path, "|b1", &[mask.rows(), mask.cols()], mask.as_slice().iter().map(|&m| [u8::from(m)]))
 }
 
-fn write_array<const N: usize>(
+/// Writes values that are already bytes.
+pub(super) fn write_array<const N: usize>(
     path: &Path,
     descr: &str,
     shape: &[usize],
@@ -160,6 +162,65 @@ fn write_array<const N: usize>(
         w.write_all(header.as_bytes())?;
         values.try_for_each(|v| w.write_all(&v))
     })
+}
+
+/// One entry at a time of a file with many, along its first axis.
+pub(super) struct NpyRows {
+    path: PathBuf,
+    file: std::fs::File,
+    /// First byte of the data.
+    begin: u64,
+    /// Bytes of one entry.
+    each: usize,
+    entries: usize,
+}
+
+impl NpyRows {
+    /// Opens a file of `descr` values whose axes after the first are `shape`; a shorter file than its header says is an error.
+    pub(super) fn open(path: &Path, descr: &str, shape: &[usize]) -> Result<Self, IoError> {
+        use std::io::Read as _;
+        /// More than any header that NumPy writes for a plain array.
+        const HEADER_LIMIT: u64 = 4096;
+        let failed = |source| IoError::Read { path: path.to_owned(), source };
+        let malformed = |reason: String| IoError::malformed(path, FORMAT, reason);
+        let file = std::fs::File::open(path).map_err(failed)?;
+        let mut start = Vec::new();
+        (&file).take(HEADER_LIMIT).read_to_end(&mut start).map_err(failed)?;
+        let (header, rest) = split_header(&start).map_err(malformed)?;
+        let begin = (start.len() - rest.len()) as u64;
+        let header = String::from_utf8_lossy(header);
+        let found = value_of(&header, "descr").map_err(malformed)?;
+        let axes = value_of(&header, "shape").map_err(malformed)?;
+        let axes = axes.strip_prefix('(').and_then(|s| s.split(')').next()).unwrap_or("?");
+        let axes: Vec<usize> = axes.split(',').filter_map(|axis| axis.trim().parse().ok()).collect();
+        let kind = found.get(1..1 + descr.len()).unwrap_or_default();
+        if kind != descr || axes.get(1..) != Some(shape) {
+            let reason = format!("it holds '{kind}' of shape {axes:?}; '{descr}' of shape [any, {shape:?}] is needed");
+            return Err(malformed(reason));
+        }
+        let width = usize::from(descr.as_bytes()[descr.len() - 1] - b'0');
+        let each = shape.iter().product::<usize>() * width;
+        let length = file.metadata().map_err(failed)?.len();
+        let needed = (axes[0] as u64).checked_mul(each as u64).and_then(|n| n.checked_add(begin));
+        if needed.is_none_or(|needed| length < needed) {
+            return Err(malformed(format!("it is cut short: {length} bytes, {} entries of {each} bytes are claimed", axes[0])));
+        }
+        Ok(Self { path: path.to_owned(), file, begin, each, entries: axes[0] })
+    }
+
+    /// Bytes of entry `i`.
+    pub(super) fn read(&mut self, i: usize) -> Result<Vec<u8>, IoError> {
+        use std::io::{Read as _, Seek as _, SeekFrom};
+        if i >= self.entries {
+            let reason = format!("entry {i} is asked for; it holds {}", self.entries);
+            return Err(IoError::malformed(&self.path, FORMAT, reason));
+        }
+        let mut bytes = vec![0; self.each];
+        let at = self.begin + (i * self.each) as u64;
+        let done = self.file.seek(SeekFrom::Start(at)).and_then(|_| self.file.read_exact(&mut bytes));
+        done.map_err(|source| IoError::Read { path: self.path.clone(), source })?;
+        Ok(bytes)
+    }
 }
 
 /// Reads a height map: two axes (rows, cols), metres. Every value is finite and within 20 mm of the relaxed gel's apex.

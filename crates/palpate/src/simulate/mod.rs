@@ -4,6 +4,7 @@
 //! shorter list are the first of a longer one.
 
 mod camera;
+mod presses;
 mod scene;
 mod seed;
 mod shapes;
@@ -11,6 +12,7 @@ mod touches;
 mod ycb_sight;
 
 pub use camera::{CameraParams, look_at};
+pub use presses::{LightParams, PressRecord, PressSample, PressSampler, PressSetParams, Primitive};
 pub use scene::{SimulateError, SimulateParams, SimulatedScene, place, simulate_scene};
 pub use shapes::Solid;
 pub use touches::TouchParams;

@@ -3,6 +3,7 @@ use super::touches::make_touches;
 use super::{CameraParams, TouchParams};
 use crate::geometry::{Isometry, TriangleMesh};
 use crate::scene::{PoseSigma, Scene};
+use crate::tactile::optics::OpticsError;
 use crate::tactile::{PressError, SensorError};
 use serde::{Deserialize, Serialize};
 
@@ -49,6 +50,9 @@ pub enum SimulateError {
     /// The press parameters are out of range.
     #[error("press: {0}")]
     Press(#[from] PressError),
+    /// The tactile images cannot be rendered.
+    #[error("tactile image: {0}")]
+    Optics(#[from] OpticsError),
     /// The mesh has no area.
     #[error("mesh '{name}' has {faces} faces with an area of {area} m² together; a surface is required")]
     EmptyMesh {

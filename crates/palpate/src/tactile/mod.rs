@@ -4,13 +4,15 @@ mod contact;
 mod decode;
 mod gaussian;
 mod lift;
+pub mod optics;
 mod patch;
 mod press;
+pub(crate) mod resample;
 mod sensor;
 
 pub use contact::{Contact, ContactError, Touch};
 pub use decode::{DecodeError, TactileDecoder};
 pub use lift::{LiftError, LiftParams, lift};
 pub use patch::Patch;
-pub use press::{PressError, PressParams, Pressed, press};
+pub use press::{PressError, PressParams, Pressed, press, press_surface};
 pub use sensor::{RelaxedGel, SensorError, TactileSensor};

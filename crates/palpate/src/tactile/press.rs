@@ -127,8 +127,26 @@ pub fn press(
 ) -> Result<Pressed, PressError> {
     params.validate()?;
     let rows = sensor.map_rows(cols);
-    let relaxed = sensor.relaxed(rows, cols);
     let object = nearest_surface(mesh, world_from_aim, sensor, (rows, cols), params);
+    press_surface(&object, world_from_aim, sensor, params)
+}
+
+/// [`press`] on a surface that is already a raster.
+///
+/// * `object` – z of the object's surface nearest to the pad in the aim frame, metres, infinite where there is none; row and
+///   col over the whole pad
+///
+/// # Errors
+/// As [`press`].
+pub fn press_surface(
+    object: &Raster<f32>,
+    world_from_aim: &Isometry,
+    sensor: &TactileSensor,
+    params: &PressParams,
+) -> Result<Pressed, PressError> {
+    params.validate()?;
+    let (rows, cols) = object.shape();
+    let relaxed = sensor.relaxed(rows, cols);
     let lowest = object.as_slice().iter().zip(relaxed.as_slice()).map(|(z, g)| z - g).fold(f32::INFINITY, f32::min);
     if !lowest.is_finite() {
         return Err(PressError::Missed);
@@ -140,7 +158,7 @@ pub fn press(
     }
     let shift = lowest + params.depth as f32;
     let threshold = (params.contact_share_of_depth * params.depth) as f32;
-    let pressed = zip_map(&object, &relaxed, |z, g| (z - shift).min(g));
+    let pressed = zip_map(object, &relaxed, |z, g| (z - shift).min(g));
     let mask = zip_map(&pressed, &relaxed, |z, g| g - z > threshold);
     let share = mask.as_slice().iter().filter(|&&m| m).count() as f64 / (rows * cols) as f64;
     if share < params.min_contact {

@@ -7,6 +7,7 @@ pub(crate) mod compare;
 pub(crate) mod config;
 pub(crate) mod init;
 pub(crate) mod inspect;
+pub(crate) mod presses;
 pub(crate) mod reconstruct;
 pub(crate) mod render;
 pub(crate) mod simulate;

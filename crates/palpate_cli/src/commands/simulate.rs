@@ -136,7 +136,7 @@ impl Args {
 }
 
 /// Name and mesh of a file or a solid.
-fn load(mesh: &str) -> anyhow::Result<(String, TriangleMesh)> {
+pub(super) fn load(mesh: &str) -> anyhow::Result<(String, TriangleMesh)> {
     let Some(name) = mesh.strip_prefix("primitive:") else {
         let path = Path::new(mesh);
         let name = path.file_stem().with_context(|| format!("'{mesh}' names no file"))?;
