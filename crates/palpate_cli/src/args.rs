@@ -43,8 +43,23 @@ enum Command {
     Inspect(commands::inspect::Args),
     /// Run every scene, touch count and method; tables and plots
     Benchmark(commands::benchmark::Args),
+    /// Train a network that reads tactile images
+    #[cfg(feature = "nn")]
+    Train(commands::train::Args),
+    /// Train networks: needs a build with the feature `nn`
+    #[cfg(not(feature = "nn"))]
+    #[command(hide = true)]
+    Train(NotBuilt),
     /// Print the effective parameters
     Config(commands::config::Args),
+}
+
+/// Takes whatever the command would take.
+#[cfg(not(feature = "nn"))]
+#[derive(clap::Args)]
+struct NotBuilt {
+    #[arg(trailing_var_arg = true, allow_hyphen_values = true, hide = true)]
+    _any: Vec<String>,
 }
 
 impl Args {
@@ -64,6 +79,12 @@ impl Args {
             Command::Render(args) => commands::render::run(args),
             Command::Inspect(args) => commands::inspect::run(args),
             Command::Benchmark(args) => commands::benchmark::run(args),
+            #[cfg(feature = "nn")]
+            Command::Train(args) => commands::train::run(args),
+            #[cfg(not(feature = "nn"))]
+            Command::Train(_) => {
+                anyhow::bail!("this palpate was built without networks; build it with: cargo build --release --features nn")
+            }
             Command::Config(args) => commands::config::run(args),
         }
     }

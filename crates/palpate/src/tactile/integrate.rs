@@ -123,6 +123,23 @@ impl Integrator {
         self.cosine_solve(0.0, |row, out| out.extend((0..self.cols).map(divergence_line(gradients, row))))
     }
 
+    /// Height with free borders, mean 0, of which every **step** to the next column and the next row is given: exact if the steps
+    /// are those of a height, least squares if not. Steps over the border are ignored.
+    pub fn integrate_steps(&self, steps: &Raster<[f32; 2]>) -> Raster<f32> {
+        assert_eq!(steps.shape(), self.shape(), "the integrator is made for one size");
+        let (rows, cols) = self.shape();
+        let line = |row: usize| &steps.as_slice()[row * cols..][..cols];
+        self.cosine_solve(0.0, |row, out| {
+            let (here, above) = (line(row), (row > 0).then(|| line(row - 1)));
+            out.extend((0..cols).map(|col| {
+                let right = if col + 1 < cols { here[col][0] } else { 0.0 };
+                let left = if col > 0 { here[col - 1][0] } else { 0.0 };
+                let down = if row + 1 < rows { here[col][1] } else { 0.0 };
+                right - left + down - above.map_or(0.0, |above| above[col][1])
+            }));
+        })
+    }
+
     /// The height h that minimises Σ |∇h − gradients|² + λ Σ (h − prior)², free borders: the detail of the gradients on the level
     /// of the prior. The mean is the prior's.
     ///
@@ -254,6 +271,18 @@ mod tests {
             let found = Integrator::new(rows, cols).poisson_neumann(&g);
             assert!(worst(&found, &mean_free(height)) < 2e-4, "{rows} {cols}");
         }
+    }
+
+    #[test]
+    fn the_steps_of_any_height_give_it_back() {
+        let (rows, cols) = (13, 20);
+        let hash = |i: usize| ((i * 2_654_435_761) % 1000) as f32 / 1000.0 - 0.5;
+        let height = mean_free(Raster::from_fn(rows, cols, |r, c| hash(r * 31 + c * 7)));
+        let steps = Raster::from_fn(rows, cols, |r, c| {
+            let at = |r: usize, c: usize| height.get(r, c).copied().unwrap_or(7.0);
+            [at(r, c + 1) - at(r, c), at(r + 1, c) - at(r, c)]
+        });
+        assert!(worst(&Integrator::new(rows, cols).integrate_steps(&steps), &height) < 1e-5);
     }
 
     #[test]

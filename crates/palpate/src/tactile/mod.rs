@@ -1,5 +1,6 @@
 //! The fingertip: sensor geometry, what a press records, and the oriented patch it proves.
 
+pub mod compact;
 mod contact;
 mod decode;
 mod gaussian;

@@ -14,3 +14,5 @@ pub(crate) mod render;
 pub(crate) mod simulate;
 pub(crate) mod surface;
 pub(crate) mod symmetry;
+#[cfg(feature = "nn")]
+pub(crate) mod train;

@@ -1,5 +1,5 @@
 use super::Planes;
-use nalgebra::{DMatrix, DMatrixView, DMatrixViewMut};
+use nalgebra::{Const, DMatrix, DMatrixView, Dyn, MatrixViewMut};
 
 /// A 1 × 1 or 3 × 3 convolution with bias, batch normalisation folded in; borders are padded with zeros so that stride 1 keeps
 /// the size.
@@ -66,7 +66,9 @@ impl Convolution {
         let left = DMatrixView::from_slice(left, pixels, self.weights.nrows());
         let outputs = self.weights.ncols();
         let end = (outputs - 1) * stride + start + pixels;
-        let mut out = DMatrixViewMut::from_slice_with_strides(&mut out[start..end], pixels, outputs, 1, stride);
+        let shape = (Dyn(pixels), Dyn(outputs), Const::<1>, Dyn(stride));
+        let mut out =
+            MatrixViewMut::from_slice_with_strides_generic(&mut out[start..end], shape.0, shape.1, shape.2, shape.3);
         out.gemm(1.0, &left, &self.weights, 0.0);
     }
 

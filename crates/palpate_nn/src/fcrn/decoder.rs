@@ -1,0 +1,71 @@
+//! Up-projection: residual enlargement by two.
+
+use crate::layers::{Padding, conv, interleave, norm};
+use burn::nn::BatchNorm;
+use burn::nn::conv::Conv2d;
+use burn::prelude::*;
+use burn::tensor::activation::relu;
+
+/// A 5 × 5 convolution of the zero-interleaved map, as the four convolutions that meet its non-zero pixels (Laina et al.
+/// 2016, Fig. 3), each with a bias of its own.
+///
+/// The 2 × 3 result fills (even row, odd col) and the 3 × 2 one (odd row, even col), padded before the first row and
+/// column, as in the published tactile networks; the derivation would swap the two and pad after the last.
+/// It is the same function class: only the roles of the kernels differ.
+#[derive(Module, Debug)]
+struct Unpool<B: Backend> {
+    conv3x3: Conv2d<B>,
+    conv2x3: Conv2d<B>,
+    conv3x2: Conv2d<B>,
+    conv2x2: Conv2d<B>,
+}
+
+impl<B: Backend> Unpool<B> {
+    fn new(channels: (usize, usize), device: &B::Device) -> Self {
+        let make = |rows, cols| {
+            let padding = Padding { top: 1, left: 1, bottom: rows - 2, right: cols - 2 };
+            conv(channels, [rows, cols], 1, padding, true, device)
+        };
+        Self { conv3x3: make(3, 3), conv2x3: make(2, 3), conv3x2: make(3, 2), conv2x2: make(2, 2) }
+    }
+
+    fn forward(&self, x: Tensor<B, 4>) -> Tensor<B, 4> {
+        interleave(
+            self.conv3x3.forward(x.clone()),
+            self.conv2x3.forward(x.clone()),
+            self.conv3x2.forward(x.clone()),
+            self.conv2x2.forward(x),
+        )
+    }
+}
+
+/// Two enlarged branches: unpool, norm, ReLU, 3 × 3, norm; and unpool, norm. Their sum, rectified.
+#[derive(Module, Debug)]
+pub(crate) struct UpProjection<B: Backend> {
+    main_unpool: Unpool<B>,
+    main_norm1: BatchNorm<B>,
+    main_conv: Conv2d<B>,
+    main_norm2: BatchNorm<B>,
+    short_unpool: Unpool<B>,
+    short_norm: BatchNorm<B>,
+}
+
+impl<B: Backend> UpProjection<B> {
+    pub(crate) fn new(inputs: usize, outputs: usize, device: &B::Device) -> Self {
+        Self {
+            main_unpool: Unpool::new((inputs, outputs), device),
+            main_norm1: norm(outputs, device),
+            main_conv: conv((outputs, outputs), [3, 3], 1, Padding::all(1), true, device),
+            main_norm2: norm(outputs, device),
+            short_unpool: Unpool::new((inputs, outputs), device),
+            short_norm: norm(outputs, device),
+        }
+    }
+
+    /// `[n, inputs, h, w]` → `[n, outputs, 2h, 2w]`.
+    pub(crate) fn forward(&self, x: Tensor<B, 4>) -> Tensor<B, 4> {
+        let short = self.short_norm.forward(self.short_unpool.forward(x.clone()));
+        let main = relu(self.main_norm1.forward(self.main_unpool.forward(x)));
+        relu(self.main_norm2.forward(self.main_conv.forward(main)).add(short))
+    }
+}
