@@ -1,5 +1,6 @@
 //! Networks of palpate: from a tactile image to a height map and a contact mask; their training and weight files.
 //!
+//! * [`compact`] – training of the small decoder that `palpate` ships and runs by itself
 //! * [`fcrn`] – the encoder-decoder network of the thesis that palpate follows, in any width
 //! * [`weights`] – parameters as named tensors in safetensors files
 //! * [`train`] – one training loop for every network: a network is a [`train::Task`]
@@ -8,6 +9,7 @@
 //!
 //! Everything is generic over burn's `Backend`; [`Cpu`] is the one that tests and plain builds use.
 
+pub mod compact;
 pub mod config;
 pub mod data;
 pub mod fcrn;

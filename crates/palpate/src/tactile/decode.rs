@@ -87,6 +87,14 @@ pub enum DecodeError {
         /// Difference allowed.
         limit: f32,
     },
+    /// The network was trained for another sensor.
+    #[error("the image is of sensor '{found}', the weights are for '{needed}': train some for this sensor (`palpate train compact`)")]
+    OtherSensor {
+        /// Model of the image's sensor.
+        found: String,
+        /// Model that the weights are for.
+        needed: String,
+    },
     /// The decoder's answer is no possible gel surface.
     #[error(transparent)]
     Contact(#[from] ContactError),

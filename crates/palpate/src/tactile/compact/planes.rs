@@ -39,7 +39,7 @@ impl Planes {
 
     /// Each value as a plane of its own over the whole image: sub-pixel (i, j) of an n × n block of input channel k becomes
     /// channel (k · n + i) · n + j. Rows and columns must be multiples of n.
-    pub(super) fn blocks_to_channels<const N: usize>(image: &Raster<[f32; N]>, n: usize) -> Self {
+    pub fn from_blocks<const N: usize>(image: &Raster<[f32; N]>, n: usize) -> Self {
         let mut out = Self::zeros(N * n * n, image.rows() / n, image.cols() / n);
         let cols = out.cols;
         for row in 0..out.rows {
@@ -58,7 +58,7 @@ impl Planes {
         out
     }
 
-    /// Undoes [`Self::blocks_to_channels`] for channel `k` of the blocks.
+    /// Undoes [`Self::from_blocks`] for channel `k` of the blocks.
     pub(super) fn channels_to_blocks(&self, k: usize, n: usize) -> Raster<f32> {
         let (rows, cols) = (self.rows * n, self.cols * n);
         let mut out = Raster::filled(rows, cols, 0.0);
@@ -77,7 +77,7 @@ impl Planes {
     }
 
     /// Means over n × n blocks of an image, one plane per channel.
-    pub(super) fn block_means<const N: usize>(image: &Raster<[f32; N]>, n: usize) -> Self {
+    pub fn means<const N: usize>(image: &Raster<[f32; N]>, n: usize) -> Self {
         let mut out = Self::zeros(N, image.rows() / n, image.cols() / n);
         let (cols, size) = (out.cols, out.rows * out.cols);
         let share = 1.0 / (n * n) as f32;
@@ -92,6 +92,15 @@ impl Planes {
             }
         }
         out
+    }
+
+    /// A rectangle of every plane: channel, row, column. It lies inside.
+    pub fn crop(&self, row: usize, col: usize, rows: usize, cols: usize) -> Vec<f32> {
+        let lines = (0..self.channels).flat_map(|channel| {
+            let plane = self.plane(channel);
+            (row..row + rows).map(move |r| &plane[r * self.cols + col..][..cols])
+        });
+        lines.flatten().copied().collect()
     }
 
     /// Appends the planes of another of the same size.
@@ -127,7 +136,7 @@ impl Planes {
     }
 
     /// Mean of each channel.
-    pub(super) fn means(&self) -> Vec<f32> {
+    pub(super) fn channel_means(&self) -> Vec<f32> {
         let size = self.rows * self.cols;
         self.data.chunks_exact(size).map(|plane| plane.iter().sum::<f32>() / size as f32).collect()
     }
@@ -162,10 +171,10 @@ mod tests {
     #[test]
     fn blocks_go_to_channels_and_back() {
         let image = Raster::from_fn(6, 8, |r, c| [(r * 8 + c) as f32, -((r * 8 + c) as f32)]);
-        let planes = Planes::blocks_to_channels(&image, 2);
+        let planes = Planes::from_blocks(&image, 2);
         assert_eq!(planes.shape(), [8, 3, 4]);
         assert_eq!(planes.channels_to_blocks(1, 2), image.map(|p| p[1]));
-        let means = Planes::block_means(&image, 2);
+        let means = Planes::means(&image, 2);
         assert_eq!(means.plane(0)[0], (0.0 + 1.0 + 8.0 + 9.0) / 4.0);
     }
 

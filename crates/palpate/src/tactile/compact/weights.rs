@@ -52,14 +52,18 @@ pub enum WeightsError {
 }
 
 /// Tensors by name, and the file's metadata.
-pub(super) struct Tensors {
+#[derive(Debug, Clone)]
+pub struct Weights {
     values: BTreeMap<String, (Vec<usize>, Vec<f32>)>,
-    pub(super) metadata: BTreeMap<String, String>,
+    metadata: BTreeMap<String, String>,
 }
 
-impl Tensors {
+impl Weights {
     /// Parses a safetensors file of float16 or float32.
-    pub(super) fn parse(bytes: &[u8]) -> Result<Self, WeightsError> {
+    ///
+    /// # Errors
+    /// [`WeightsError::Malformed`], [`WeightsError::Shape`] for other types, [`WeightsError::NotFinite`].
+    pub fn parse(bytes: &[u8]) -> Result<Self, WeightsError> {
         let malformed = |e: safetensors::SafeTensorError| WeightsError::Malformed { reason: e.to_string() };
         let (_, header) = SafeTensors::read_metadata(bytes).map_err(malformed)?;
         let metadata = header.metadata().iter().flatten().map(|(k, v)| (k.clone(), v.clone())).collect();
@@ -90,6 +94,23 @@ impl Tensors {
             return Err(WeightsError::Shape { name, found: format!("{found:?}"), needed: format!("{shape:?}") });
         }
         Ok(data)
+    }
+
+    /// A value of the file's metadata.
+    pub fn metadata(&self, key: &str) -> Option<&str> {
+        self.metadata.get(key).map(String::as_str)
+    }
+
+    /// The convolutions `name.0`, `name.1`, … of stride 1: kernel size, inputs, outputs.
+    pub(super) fn layers(
+        &self,
+        name: &str,
+        layers: &[(usize, usize, usize)],
+    ) -> Result<Vec<Convolution>, WeightsError> {
+        let layer = |(i, &(size, inputs, outputs)): (usize, &(usize, usize, usize))| {
+            self.convolution(&format!("{name}.{i}"), size, 1, inputs, outputs)
+        };
+        layers.iter().enumerate().map(layer).collect()
     }
 
     /// The convolution `name.weight` \[outputs, inputs, size, size\] with `name.bias` \[outputs\].
