@@ -4,6 +4,7 @@ mod contact;
 mod decode;
 mod gaussian;
 mod lift;
+pub mod optics;
 mod patch;
 mod press;
 mod sensor;
