@@ -2,6 +2,7 @@
 
 mod markers;
 mod nnls;
+mod point_response;
 mod shadow;
 
 pub use markers::{MarkerError, MarkerField, MarkerParams, draw_markers};
