@@ -3,6 +3,7 @@
 mod claims;
 mod layering;
 mod metrics;
+mod optics;
 mod poisson;
 mod property;
 mod readers;

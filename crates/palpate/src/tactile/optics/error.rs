@@ -1,3 +1,4 @@
+use super::{MarkerError, ShadowError};
 use crate::tactile::SensorError;
 
 /// Why tactile images cannot be rendered.
@@ -31,6 +32,12 @@ pub enum OpticsError {
         /// Value found.
         found: f32,
     },
+    /// Shadows cannot be cast.
+    #[error(transparent)]
+    Shadow(#[from] ShadowError),
+    /// Marker dots cannot be drawn.
+    #[error(transparent)]
+    Marker(#[from] MarkerError),
     /// A raster does not have the sensor's size.
     #[error("{what} is {} × {} (rows × cols); the sensor needs {} × {}", found.0, found.1, needed.0, needed.1)]
     Size {
