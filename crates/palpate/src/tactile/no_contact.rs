@@ -2,6 +2,7 @@
 //!
 //! Images are R, G, B everywhere in palpate. Tables of the Taxim family are B, G, R; their readers turn them.
 
+use super::resample::resize;
 use super::{DecodeError, TactileSensor};
 use crate::geometry::Raster;
 
@@ -69,7 +70,8 @@ impl NoContact {
             let data = pairs.map(|(pixel, reference)| minus(pixel.map(f32::from), reference)).collect();
             return Ok(Raster::from_vec(self.image.rows(), self.image.cols(), data).expect("of the same size"));
         }
-        let mut small = average_blocks(&image.map(|pixel| pixel.map(f32::from)), factor);
+        let (rows, cols) = self.shape();
+        let mut small = resize(&image.map(|pixel| pixel.map(f32::from)), rows, cols);
         for (value, reference) in small.as_mut_slice().iter_mut().zip(self.image.as_slice()) {
             *value = minus(*value, reference);
         }
@@ -91,7 +93,7 @@ impl NoContact {
             return Err(DecodeError::WorkingSize { found: (own_cols, own_rows), needed: (cols, rows) });
         };
         let difference = self.difference(image)?;
-        Ok(if factor == 1 { difference } else { average_blocks(&difference, factor) })
+        Ok(if factor == 1 { difference } else { resize(&difference, rows, cols) })
     }
 
     /// Whether a difference holds nothing but noise and an even drift of the light.
@@ -136,24 +138,6 @@ impl NoContact {
 fn whole_multiple(large: (usize, usize), small: (usize, usize)) -> Option<usize> {
     let n = large.0.checked_div(small.0)?;
     (n > 0 && (small.0 * n, small.1 * n) == large).then_some(n)
-}
-
-/// Mean over blocks of `factor × factor` pixels; rows and columns that fill no block are dropped.
-///
-/// * `factor` – at least 1
-pub fn average_blocks<const N: usize>(raster: &Raster<[f32; N]>, factor: usize) -> Raster<[f32; N]> {
-    let (rows, cols) = (raster.rows() / factor, raster.cols() / factor);
-    let share = 1.0 / (factor * factor) as f32;
-    let mut out = vec![[0.0f32; N]; rows * cols];
-    for (row, line) in raster.as_slice().chunks_exact(raster.cols().max(1)).take(rows * factor).enumerate() {
-        let target = &mut out[row / factor * cols..][..cols];
-        for (sum, block) in target.iter_mut().zip(line.chunks_exact(factor)) {
-            for pixel in block {
-                (0..N).for_each(|k| sum[k] += share * pixel[k]);
-            }
-        }
-    }
-    Raster::from_vec(rows, cols, out).expect("rows · cols blocks")
 }
 
 /// Mean over the image of the largest minus the smallest channel.
