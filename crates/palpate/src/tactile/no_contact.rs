@@ -14,10 +14,12 @@ const GREY_SPREAD: f32 = 2.0;
 const COLOR_SPREAD: f32 = 6.0;
 /// Share of saturated pixels from which an image is refused.
 const SATURATED_LIMIT: f32 = 0.25;
-/// Median local difference from which the light is another, grey levels: twice what a gain of 10 % does.
-const LIGHT_LIMIT: f32 = 30.0;
-/// Reversed channels must fit this many times better before they are called swapped.
-const SWAP_FACTOR: f32 = 2.5;
+/// Median local difference from which the light is another, grey levels. A gain of 10 % makes 14, a photograph in place of the
+/// simulated no-contact image 8; two units of one sensor model differ by 20.
+const LIGHT_LIMIT: f32 = 18.0;
+/// Reversed channels must fit this many times better before they are called swapped: images as they should be fit 2 to 100 times
+/// **worse** reversed.
+const SWAP_FACTOR: f32 = 1.6;
 /// Largest deviation of a cell from the overall drift that is still no contact, grey levels: JPEG noise stays under 1 in a cell.
 const CONTACT_LEVELS: f32 = 4.0;
 

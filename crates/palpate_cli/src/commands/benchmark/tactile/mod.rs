@@ -66,7 +66,11 @@ pub(crate) fn run(args: Args) -> anyhow::Result<Outcome> {
     let no_contact = NoContact::new(dataset.background.clone(), &dataset.sensor)?;
     let mut tools: Vec<(String, DecoderKind, Box<dyn TactileDecoder>)> = Vec::new();
     for kind in args.decoders.iter().copied().collect::<BTreeSet<_>>() {
-        tools.push((label(kind, &args.files), kind, decoders::make(kind, no_contact.clone(), &args.files)?));
+        tools.push((
+            label(kind, &args.files),
+            kind,
+            decoders::make(kind, no_contact.clone(), &dataset.sensor, &args.files)?,
+        ));
     }
     palpate::io::create_folder(&args.output)?;
     let conditions = conditions(&args, &dataset, split.as_ref(), chosen.len());

@@ -3,7 +3,7 @@
 use super::super::plots::COLORS;
 use super::results::Row;
 use kuva::backend::svg::SvgBackend;
-use kuva::plot::BoxPlot;
+use kuva::plot::{BoxPlot, LegendEntry, LegendShape};
 use kuva::render::layout::Layout;
 use kuva::render::plots::Plot;
 use palpate::metrics::{Summary, summarize};
@@ -151,7 +151,7 @@ fn boxes(rows: &[Row], column: &str, title: &str) -> String {
         .enumerate()
         .zip(COLORS.iter().cycle())
         .map(|((own, decoder), color)| {
-            let mut plot = BoxPlot::new().with_color(*color).with_width(0.8).with_legend(*decoder);
+            let mut plot = BoxPlot::new().with_color(*color).with_width(0.8);
             for (object, slot) in objects.iter().flat_map(|o| (0..slots).map(move |slot| (*o, slot))) {
                 let is_own = |row: &&Row| slot == own && row.key.object == object && row.key.decoder == *decoder;
                 let values: Vec<f64> = rows.iter().filter(is_own).filter_map(|row| row.value(column)).collect();
@@ -161,7 +161,14 @@ fn boxes(rows: &[Row], column: &str, title: &str) -> String {
             Plot::Box(plot)
         })
         .collect();
+    let legend = decoders.iter().zip(COLORS.iter().cycle()).map(|(decoder, color)| LegendEntry {
+        label: (*decoder).to_owned(),
+        color: (*color).to_owned(),
+        shape: LegendShape::Rect,
+        dasharray: None,
+    });
     let layout = Layout::auto_from_plots(&plots)
+        .with_legend_entries(legend.collect())
         .with_title(title)
         .with_y_label(title)
         .with_y_axis_min(0.0)
