@@ -2,6 +2,7 @@
 
 use anyhow::{Context as _, bail};
 use palpate::io::{read_color, read_lookup_table};
+use palpate::simulate::simulated_lookup_table;
 use palpate::tactile::{Border, LookupDecoder, NoContact, TactileDecoder, TactileSensor, ThresholdDecoder};
 use std::path::{Path, PathBuf};
 
@@ -40,7 +41,8 @@ impl DecoderKind {
 /// Files that decoders need.
 #[derive(Debug, Clone, Default, clap::Args)]
 pub(crate) struct DecoderFiles {
-    /// Folder with grad_mag.npy and grad_dir.npy: the colour table of the decoder 'lookup'
+    /// Colour table of the decoder 'lookup': a folder with grad_mag.npy and grad_dir.npy, or `simulated` for one calibrated on
+    /// simulated balls
     #[arg(long, value_name = "DIR")]
     pub(crate) lookup_table: Option<PathBuf>,
     /// Weights of a network, instead of those that come with palpate
@@ -52,17 +54,20 @@ pub(crate) struct DecoderFiles {
 pub(crate) fn make(
     kind: DecoderKind,
     no_contact: NoContact,
+    sensor: &TactileSensor,
     files: &DecoderFiles,
 ) -> anyhow::Result<Box<dyn TactileDecoder>> {
     let lookup = |border| -> anyhow::Result<Box<dyn TactileDecoder>> {
-        let Some(folder) = &files.lookup_table else {
-            bail!(
-                "the decoder '{}' needs --lookup-table DIR with grad_mag.npy and grad_dir.npy (the table of the YCB-Sight \
-                 release cannot be shipped: its licence is CC BY-SA)",
+        let table = match &files.lookup_table {
+            Some(folder) if folder.as_os_str() == "simulated" => simulated_lookup_table(sensor)?,
+            Some(folder) => read_lookup_table(folder)?,
+            None => bail!(
+                "the decoder '{}' needs --lookup-table: a folder with grad_mag.npy and grad_dir.npy (the table of the \
+                 YCB-Sight release cannot be shipped, its licence is CC BY-SA), or `simulated`",
                 kind.name()
-            );
+            ),
         };
-        Ok(Box::new(LookupDecoder::new(read_lookup_table(folder)?, no_contact.clone(), border)))
+        Ok(Box::new(LookupDecoder::new(table, no_contact.clone(), border)))
     };
     match kind {
         DecoderKind::Lookup => lookup(Border::Relaxed),

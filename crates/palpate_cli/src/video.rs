@@ -54,7 +54,8 @@ impl Frames {
         }
         let header = [self.word()?, self.word()?, self.word()?, self.word()?];
         let number = |i: usize| header[i].parse().ok().filter(|n| (1..=SIDE_LIMIT).contains(n));
-        let (Some(cols), Some(rows), "P6", "255") = (number(1), number(2), header[0].as_str(), header[3].as_str()) else {
+        let (Some(cols), Some(rows), "P6", "255") = (number(1), number(2), header[0].as_str(), header[3].as_str())
+        else {
             bail!("ffmpeg gave a frame that begins with {header:?}; an 8-bit PPM image was expected");
         };
         let mut bytes = vec![0; 3 * rows * cols];

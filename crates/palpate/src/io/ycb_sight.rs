@@ -81,6 +81,16 @@ pub fn read_ycb_sight(folder: impl AsRef<Path>) -> Result<YcbSightFile, IoError>
     Ok(YcbSightFile { object, warnings })
 }
 
+/// Reads one touch alone: its maps, and its image if there is one. The pose is not read and stands at the origin.
+///
+/// * `stem` – name of its files without the extension, usually a number
+///
+/// # Errors
+/// [`IoError`] with the file.
+pub fn read_ycb_sight_press(folder: impl AsRef<Path>, stem: &str) -> Result<Touch, IoError> {
+    read_touch(folder.as_ref(), stem, &Isometry::identity(), &sensor())
+}
+
 /// Writes one object's folder (made if it is missing; its parent must exist), `pose.txt` last.
 ///
 /// # Errors

@@ -1,7 +1,8 @@
 //! How far a decoded contact is from the true one.
 
 use crate::geometry::Raster;
-use crate::tactile::{Contact, ContactError, TactileSensor, average_blocks};
+use crate::tactile::resample::resize;
+use crate::tactile::{Contact, ContactError, TactileSensor};
 
 /// Half width of the central differences of the normals, metres: one pixel of a 320-wide map of an 18.9 mm pad.
 const NORMAL_HALF_WIDTH: f64 = 0.059e-3;
@@ -108,7 +109,7 @@ impl Coarse {
         let pairs = heights.as_slice().iter().zip(contact.mask.as_slice());
         let both: Vec<[f32; 2]> = pairs.map(|(h, m)| [*h, f32::from(u8::from(*m))]).collect();
         let both = Raster::from_vec(heights.rows(), heights.cols(), both).expect("one pair a pixel");
-        let small = average_blocks(&both, factor);
+        let small = resize(&both, both.rows() / factor, cols);
         let (heights, mask) = small.as_slice().iter().map(|[h, m]| (*h, *m >= 0.5)).unzip();
         Self { heights, mask }
     }

@@ -72,7 +72,7 @@ fn on_outline(mask: &Raster<bool>, row: usize, col: usize) -> bool {
 /// The colours from 0 to `scale`, with both ends written in millimetres.
 fn scale_bar(picture: &mut Raster<[u8; 3]>, left: usize, scale: f32) {
     let (rows, width) = (picture.rows(), picture.cols() - left);
-    let text = (0.22 * width as f64).clamp(6.0, 24.0);
+    let text = (0.19 * width as f64).clamp(6.0, 24.0);
     let margin = (1.6 * text) as usize;
     let (top, bottom) = (margin.min(rows / 2), rows.saturating_sub(margin).max(rows / 2));
     for row in top..bottom {

@@ -12,7 +12,9 @@ mod touches;
 mod ycb_sight;
 
 pub use camera::{CameraParams, look_at};
-pub use presses::{LightParams, PressRecord, PressSample, PressSampler, PressSetParams, Primitive};
+pub use presses::{
+    LightParams, PressRecord, PressSample, PressSampler, PressSetParams, Primitive, simulated_lookup_table,
+};
 pub use scene::{SimulateError, SimulateParams, SimulatedScene, place, simulate_scene};
 pub use shapes::Solid;
 pub use touches::TouchParams;

@@ -20,7 +20,7 @@ pub use decode::{DecodeError, TactileDecoder};
 pub use integrate::Integrator;
 pub use lift::{LiftError, LiftParams, lift};
 pub use lookup_table::{Border, CalibrationSample, LookupDecoder, LookupTable, LookupTableError};
-pub use no_contact::{NoContact, average_blocks};
+pub use no_contact::NoContact;
 pub use patch::Patch;
 pub use press::{PressError, PressParams, Pressed, press, press_surface};
 pub use sensor::{RelaxedGel, SensorError, TactileSensor};

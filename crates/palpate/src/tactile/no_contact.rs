@@ -2,6 +2,7 @@
 //!
 //! Images are R, G, B everywhere in palpate. Tables of the Taxim family are B, G, R; their readers turn them.
 
+use super::resample::resize;
 use super::{DecodeError, TactileSensor};
 use crate::geometry::Raster;
 
@@ -13,10 +14,12 @@ const GREY_SPREAD: f32 = 2.0;
 const COLOR_SPREAD: f32 = 6.0;
 /// Share of saturated pixels from which an image is refused.
 const SATURATED_LIMIT: f32 = 0.25;
-/// Median local difference from which the light is another, grey levels: twice what a gain of 10 % does.
-const LIGHT_LIMIT: f32 = 30.0;
-/// Reversed channels must fit this many times better before they are called swapped.
-const SWAP_FACTOR: f32 = 2.5;
+/// Median local difference from which the light is another, grey levels. A gain of 10 % makes 14, a photograph in place of the
+/// simulated no-contact image 8; two units of one sensor model differ by 20.
+const LIGHT_LIMIT: f32 = 18.0;
+/// Reversed channels must fit this many times better before they are called swapped: images as they should be fit 2 to 100 times
+/// **worse** reversed.
+const SWAP_FACTOR: f32 = 1.6;
 /// Largest deviation of a cell from the overall drift that is still no contact, grey levels: JPEG noise stays under 1 in a cell.
 const CONTACT_LEVELS: f32 = 4.0;
 
@@ -69,7 +72,8 @@ impl NoContact {
             let data = pairs.map(|(pixel, reference)| minus(pixel.map(f32::from), reference)).collect();
             return Ok(Raster::from_vec(self.image.rows(), self.image.cols(), data).expect("of the same size"));
         }
-        let mut small = average_blocks(&image.map(|pixel| pixel.map(f32::from)), factor);
+        let (rows, cols) = self.shape();
+        let mut small = resize(&image.map(|pixel| pixel.map(f32::from)), rows, cols);
         for (value, reference) in small.as_mut_slice().iter_mut().zip(self.image.as_slice()) {
             *value = minus(*value, reference);
         }
@@ -91,7 +95,7 @@ impl NoContact {
             return Err(DecodeError::WorkingSize { found: (own_cols, own_rows), needed: (cols, rows) });
         };
         let difference = self.difference(image)?;
-        Ok(if factor == 1 { difference } else { average_blocks(&difference, factor) })
+        Ok(if factor == 1 { difference } else { resize(&difference, rows, cols) })
     }
 
     /// Whether a difference holds nothing but noise and an even drift of the light.
@@ -136,24 +140,6 @@ impl NoContact {
 fn whole_multiple(large: (usize, usize), small: (usize, usize)) -> Option<usize> {
     let n = large.0.checked_div(small.0)?;
     (n > 0 && (small.0 * n, small.1 * n) == large).then_some(n)
-}
-
-/// Mean over blocks of `factor × factor` pixels; rows and columns that fill no block are dropped.
-///
-/// * `factor` – at least 1
-pub fn average_blocks<const N: usize>(raster: &Raster<[f32; N]>, factor: usize) -> Raster<[f32; N]> {
-    let (rows, cols) = (raster.rows() / factor, raster.cols() / factor);
-    let share = 1.0 / (factor * factor) as f32;
-    let mut out = vec![[0.0f32; N]; rows * cols];
-    for (row, line) in raster.as_slice().chunks_exact(raster.cols().max(1)).take(rows * factor).enumerate() {
-        let target = &mut out[row / factor * cols..][..cols];
-        for (sum, block) in target.iter_mut().zip(line.chunks_exact(factor)) {
-            for pixel in block {
-                (0..N).for_each(|k| sum[k] += share * pixel[k]);
-            }
-        }
-    }
-    Raster::from_vec(rows, cols, out).expect("rows · cols blocks")
 }
 
 /// Mean over the image of the largest minus the smallest channel.

@@ -72,7 +72,7 @@ pub(crate) fn run(args: Args) -> anyhow::Result<Outcome> {
     let sensor = TactileSensor::preset(&args.sensor)?;
     let sources = collect(&args.images)?;
     let no_contact = decoders::read_no_contact(&args.background, &sensor)?;
-    let decoder = decoders::make(args.decoder, no_contact, &args.files)?;
+    let decoder = decoders::make(args.decoder, no_contact, &sensor, &args.files)?;
     create_folder(&args.output)?;
     let job = Job { decoder: &*decoder, sensor: &sensor, output: &args.output, picture: args.picture };
     let mut tally = Tally::default();

@@ -2,6 +2,7 @@
 
 mod bad_input;
 mod compare;
+mod decode;
 mod reconstruct;
 mod render;
 mod scene_folder;

@@ -1,9 +1,11 @@
 //! Tactile presses without a scene: the training data of decoders.
 
+mod calibration;
 mod light;
 mod primitives;
 mod sampler;
 
+pub use calibration::simulated_lookup_table;
 pub use light::LightParams;
 pub use primitives::Primitive;
 pub use sampler::{PressRecord, PressSample, PressSampler, PressSetParams};

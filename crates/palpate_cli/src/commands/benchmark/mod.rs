@@ -6,6 +6,7 @@ mod reconstructor;
 mod results;
 mod shape;
 mod summary;
+mod tactile;
 
 use crate::Outcome;
 
@@ -19,10 +20,13 @@ pub(crate) struct Args {
 enum What {
     /// Reconstruct every scene by every method after so many touches; compare with the truth
     Shape(shape::Args),
+    /// Decode tactile images with known truth by every decoder; compare height maps and masks
+    Tactile(tactile::Args),
 }
 
 pub(crate) fn run(args: Args) -> anyhow::Result<Outcome> {
     match args.what {
         What::Shape(args) => shape::run(args),
+        What::Tactile(args) => tactile::run(args),
     }
 }

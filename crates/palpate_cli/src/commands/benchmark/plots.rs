@@ -10,7 +10,7 @@ use kuva::render::plots::Plot;
 use std::path::Path;
 
 /// Okabe & Ito's palette: told apart by colour-blind readers too.
-const COLORS: [&str; 6] = ["#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9"];
+pub(super) const COLORS: [&str; 6] = ["#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9"];
 
 /// Writes `touches.svg`, `distribution.svg` and `objects.svg` into the folder; nothing if no run gave a mesh.
 pub(super) fn write(folder: &Path, rows: &[Row]) -> anyhow::Result<()> {

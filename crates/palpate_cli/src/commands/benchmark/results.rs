@@ -200,7 +200,7 @@ fn rewrite(path: &Path, preamble: &str, rows: &[Row]) -> anyhow::Result<File> {
 }
 
 /// One line of RFC 4180; line breaks within a field become spaces, so that a row is a line.
-fn csv_line(fields: &[String]) -> String {
+pub(super) fn csv_line(fields: &[String]) -> String {
     let quoted: Vec<String> = fields
         .iter()
         .map(|field| {
@@ -212,6 +212,11 @@ fn csv_line(fields: &[String]) -> String {
 }
 
 fn parse_line(line: &str) -> Option<Row> {
+    Row::from_fields(&fields_of(line))
+}
+
+/// The fields of a line that [`csv_line`] wrote.
+pub(super) fn fields_of(line: &str) -> Vec<String> {
     let (mut fields, mut field, mut quoted) = (Vec::new(), String::new(), false);
     let mut chars = line.trim_end_matches('\n').chars().peekable();
     while let Some(c) = chars.next() {
@@ -223,7 +228,7 @@ fn parse_line(line: &str) -> Option<Row> {
         }
     }
     fields.push(field);
-    Row::from_fields(&fields)
+    fields
 }
 
 #[cfg(test)]
