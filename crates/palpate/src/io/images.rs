@@ -151,6 +151,21 @@ pub fn write_mask(path: impl AsRef<Path>, mask: &Raster<bool>) -> Result<(), IoE
     atomic_write(path, |w| encode(w, &bytes, mask.shape(), ExtendedColorType::L8))
 }
 
+/// Writes an sRGB image as JPEG.
+///
+/// * `quality` – 1 to 100
+///
+/// # Errors
+/// As [`atomic_write`].
+pub fn write_jpeg(path: impl AsRef<Path>, image: &Raster<[u8; 3]>, quality: u8) -> Result<(), IoError> {
+    let (rows, cols) = image.shape();
+    atomic_write(path, |w| {
+        image::codecs::jpeg::JpegEncoder::new_with_quality(w, quality)
+            .encode(image.as_slice().as_flattened(), cols as u32, rows as u32, ExtendedColorType::Rgb8)
+            .map_err(io::Error::other)
+    })
+}
+
 fn encode(w: &mut impl Write, bytes: &[u8], (rows, cols): (usize, usize), color: ExtendedColorType) -> io::Result<()> {
     PngEncoder::new_with_quality(w, CompressionType::Default, FilterType::Adaptive)
         .write_image(bytes, cols as u32, rows as u32, color)

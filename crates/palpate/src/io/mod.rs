@@ -29,7 +29,7 @@ pub use atomic::atomic_write;
 pub use error::IoError;
 pub use images::{
     parse_color, parse_depth_png, parse_mask, read_color, read_depth_png, read_mask, write_color, write_depth_png,
-    write_mask,
+    write_jpeg, write_mask,
 };
 pub use lookup_table::read_lookup_table;
 pub use mesh_files::{

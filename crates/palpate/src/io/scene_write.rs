@@ -8,7 +8,7 @@ use super::scene_format::{
 };
 use super::{
     IoError, atomic_write, parse_color, parse_depth_png, parse_mask, write_color, write_depth_png,
-    write_height_map_npy, write_mask, write_mesh,
+    write_height_map_npy, write_jpeg, write_mask, write_mesh,
 };
 use crate::camera::{Background, PinholeCamera};
 use crate::geometry::{Raster, TriangleMesh};
@@ -26,6 +26,8 @@ pub struct SceneToWrite<'a> {
     pub truth: Option<&'a TriangleMesh>,
     /// No-contact image of the sensor, if recorded.
     pub tactile_background: Option<&'a Raster<[u8; 3]>>,
+    /// Quality, 1 to 100, of tactile images written as JPEG; `None` writes them as PNG, without loss and ten times as large.
+    pub jpeg_quality: Option<u8>,
     /// Unit of the depth image, metres. 0.0001 reaches 6.55 m.
     pub metres_per_unit: f64,
 }
@@ -33,7 +35,7 @@ pub struct SceneToWrite<'a> {
 impl<'a> SceneToWrite<'a> {
     /// The scene alone, depth in 0.1 mm.
     pub fn new(scene: &'a Scene) -> Self {
-        Self { scene, truth: None, tactile_background: None, metres_per_unit: 1e-4 }
+        Self { scene, truth: None, tactile_background: None, jpeg_quality: None, metres_per_unit: 1e-4 }
     }
 }
 
@@ -73,13 +75,12 @@ pub fn write_scene(folder: impl AsRef<Path>, what: &SceneToWrite) -> Result<(), 
         sensor_toml.pose_sigma =
             PoseSigmaToml { translation: scene.pose_sigma.translation, rotation: scene.pose_sigma.rotation };
         if let Some(background) = what.tactile_background {
-            write_color(folder.join("touches/background.png"), background)?;
-            sensor_toml.background = Some("touches/background.png".into());
+            sensor_toml.background = Some(image_file(folder, "touches/background", background, what.jpeg_quality)?);
         }
         toml.sensor = Some(sensor_toml);
     }
     for (i, touch) in scene.touches.iter().enumerate() {
-        toml.touches.push(touch_toml(folder, i, touch)?);
+        toml.touches.push(touch_toml(folder, i, touch, what.jpeg_quality)?);
     }
     if let Some(mesh) = what.truth {
         write_mesh(folder.join("truth.ply"), mesh)?;
@@ -148,7 +149,17 @@ fn sensor_toml(folder: &Path, sensor: &TactileSensor) -> Result<SensorToml, IoEr
     Ok(toml)
 }
 
-fn touch_toml(folder: &Path, index: usize, touch: &Touch) -> Result<TouchToml, IoError> {
+/// Writes an image as PNG or JPEG and gives its name.
+fn image_file(folder: &Path, stem: &str, image: &Raster<[u8; 3]>, quality: Option<u8>) -> Result<String, IoError> {
+    let file = format!("{stem}.{}", if quality.is_some() { "jpg" } else { "png" });
+    match quality {
+        Some(quality) => write_jpeg(folder.join(&file), image, quality)?,
+        None => write_color(folder.join(&file), image)?,
+    }
+    Ok(file)
+}
+
+fn touch_toml(folder: &Path, index: usize, touch: &Touch, quality: Option<u8>) -> Result<TouchToml, IoError> {
     let stem = format!("touches/{index:03}");
     let mut toml = TouchToml {
         image: None,
@@ -157,9 +168,7 @@ fn touch_toml(folder: &Path, index: usize, touch: &Touch) -> Result<TouchToml, I
         world_from_sensor: PoseToml::from(&touch.world_from_sensor),
     };
     if let Some(image) = &touch.image {
-        let file = format!("{stem}.png");
-        write_color(folder.join(&file), image)?;
-        toml.image = Some(file);
+        toml.image = Some(image_file(folder, &stem, image, quality)?);
     }
     if let Some(contact) = &touch.contact {
         let (height, mask) = (format!("{stem}_height.npy"), format!("{stem}_contact.png"));

@@ -3,11 +3,11 @@
 //! `depthCam.npy` (N × 3, metres, object frame), `pose.txt` (`<k>.npy,[qx qy qz qw],[tx ty tz]` per line), and for each k
 //! `gt_height_map/<k>.npy` (480 × 640, pixels of 0.0295 mm, larger = pressed further in), `gt_contact_mask/<k>.npy` (bool) and
 //! `gelsight/<k>.jpg` (optional here). Poses are those of first contact, **before** the 1 mm press. Beside them we keep
-//! `camera.json`, which the original does not have.
+//! `camera.json` and `background.jpg` (the no-contact image), which the original does not have in each object's folder.
 
 use super::error::read_bytes;
 use super::npy::write_mask_npy;
-use super::{IoError, atomic_write, read_color, read_npy, write_npy};
+use super::{IoError, atomic_write, read_color, read_npy, write_jpeg, write_npy};
 use crate::camera::PinholeCamera;
 use crate::geometry::{Isometry, Point, Raster};
 use crate::scene::PoseSigma;
@@ -21,6 +21,8 @@ use std::path::Path;
 
 /// Size of a height unit and of a pixel, metres.
 const PIXEL: f64 = 0.0295e-3;
+/// Quality of the set's images: OpenCV's default.
+const JPEG_QUALITY: u8 = 95;
 /// Press after first contact, metres.
 const PRESS: f64 = 1.0e-3;
 
@@ -77,7 +79,18 @@ pub fn read_ycb_sight(folder: impl AsRef<Path>) -> Result<YcbSightFile, IoError>
     };
     let name = folder.file_name().map_or_else(|| "object".to_owned(), |n| n.to_string_lossy().into_owned());
     let pose_sigma = PoseSigma::default();
-    let object = YcbSightObject { name, depth_cloud, camera, world_from_camera, sensor, pose_sigma, touches };
+    let background = folder.join("background.jpg");
+    let tactile_background = if background.is_file() { Some(read_color(&background)?) } else { None };
+    let object = YcbSightObject {
+        name,
+        depth_cloud,
+        camera,
+        world_from_camera,
+        sensor,
+        pose_sigma,
+        touches,
+        tactile_background,
+    };
     Ok(YcbSightFile { object, warnings })
 }
 
@@ -98,8 +111,12 @@ pub fn read_ycb_sight_press(folder: impl AsRef<Path>, stem: &str) -> Result<Touc
 /// [`IoError::Write`].
 pub fn write_ycb_sight(folder: impl AsRef<Path>, object: &YcbSightObject) -> Result<(), IoError> {
     let folder = folder.as_ref();
-    for part in ["", "gt_height_map", "gt_contact_mask"] {
+    let images = object.touches.iter().any(|touch| touch.image.is_some());
+    for part in ["", "gt_height_map", "gt_contact_mask"].iter().chain(images.then_some(&"gelsight")) {
         make_folder(&folder.join(part))?;
+    }
+    if let Some(background) = &object.tactile_background {
+        write_jpeg(folder.join("background.jpg"), background, JPEG_QUALITY)?;
     }
     let cloud: Vec<f32> = object.depth_cloud.iter().flat_map(|p| [p.x as f32, p.y as f32, p.z as f32]).collect();
     write_npy(folder.join("depthCam.npy"), &[object.depth_cloud.len(), 3], &cloud)?;
@@ -150,6 +167,9 @@ fn write_touch(folder: &Path, k: usize, touch: &Touch) -> Result<(), IoError> {
     }
     let heights: Vec<f32> = contact.height_map.as_slice().iter().map(|&z| (-f64::from(z) / PIXEL) as f32).collect();
     write_npy(&path, &[needed.0, needed.1], &heights)?;
+    if let Some(image) = &touch.image {
+        write_jpeg(folder.join(format!("gelsight/{k}.jpg")), image, JPEG_QUALITY)?;
+    }
     write_mask_npy(&folder.join(format!("gt_contact_mask/{k}.npy")), &contact.mask)
 }
 

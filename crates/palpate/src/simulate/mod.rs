@@ -17,5 +17,5 @@ pub use presses::{
 };
 pub use scene::{SimulateError, SimulateParams, SimulatedScene, place, simulate_scene};
 pub use shapes::Solid;
-pub use touches::TouchParams;
+pub use touches::{TactileImages, TouchParams};
 pub use ycb_sight::{YcbSightObject, simulate_ycb_sight, ycb_sight_camera, ycb_sight_camera_pose};

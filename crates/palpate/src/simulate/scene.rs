@@ -1,7 +1,7 @@
 use super::camera::take_frame;
 use super::touches::make_touches;
 use super::{CameraParams, TouchParams};
-use crate::geometry::{Isometry, TriangleMesh};
+use crate::geometry::{Isometry, Raster, TriangleMesh};
 use crate::scene::{PoseSigma, Scene};
 use crate::tactile::optics::OpticsError;
 use crate::tactile::{PressError, SensorError};
@@ -28,6 +28,8 @@ pub struct SimulatedScene {
     pub scene: Scene,
     /// The object's surface in the world frame.
     pub truth: TriangleMesh,
+    /// Image of the gel that nothing touches, if tactile images were asked for.
+    pub tactile_background: Option<Raster<[u8; 3]>>,
 }
 
 /// Why a scene could not be simulated.
@@ -123,7 +125,14 @@ pub fn simulate_scene(
         },
         touches,
     };
-    Ok(SimulatedScene { scene, truth })
+    let tactile_background = match &scene.sensor {
+        Some(sensor) => match params.touch.images.optics(sensor)? {
+            Some(optics) => Some(params.touch.images.no_contact(&optics)?),
+            None => None,
+        },
+        None => None,
+    };
+    Ok(SimulatedScene { scene, truth, tactile_background })
 }
 
 pub(super) fn check_mesh(name: &str, mesh: &TriangleMesh) -> Result<(), SimulateError> {

@@ -1,7 +1,8 @@
 use super::SimulateError;
 use super::seed::stream;
-use crate::geometry::{Isometry, Plane, Point, TriangleMesh, Vector};
-use crate::tactile::{PressParams, Pressed, TactileSensor, Touch, press};
+use crate::geometry::{Isometry, Plane, Point, Raster, TriangleMesh, Vector};
+use crate::tactile::optics::{MarkerParams, TactileOptics};
+use crate::tactile::{Contact, PressParams, Pressed, TactileSensor, Touch, press};
 use nalgebra::{Translation3, UnitQuaternion};
 use rand::RngExt as _;
 use rand_distr::StandardNormal;
@@ -21,6 +22,8 @@ pub struct TouchParams {
     pub map_width: usize,
     /// Points of the surface that touches are chosen from. Larger: evener spread, more time before the first touch.
     pub candidates: usize,
+    /// Whether tactile images are rendered, at the sensor's size.
+    pub images: TactileImages,
     /// The press.
     pub press: PressParams,
     /// 1σ of the recorded position, per axis, metres.
@@ -36,10 +39,61 @@ impl Default for TouchParams {
             sensor: "ycb-sight".to_owned(),
             map_width: 320,
             candidates: 3000,
+            images: TactileImages::None,
             press: PressParams::default(),
             pose_sigma_translation: 0.0,
             pose_sigma_rotation: 0.0,
         }
+    }
+}
+
+/// What tactile images show.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum TactileImages {
+    /// None are made.
+    #[default]
+    None,
+    /// Colours of the gel's slopes, as in YCB-Sight.
+    Plain,
+    /// With the shadows that the rim of the contact casts.
+    Shadows,
+    /// With shadows and with marker dots that the press moves.
+    Markers,
+}
+
+impl TactileImages {
+    /// The optics of a sensor, if images are made.
+    ///
+    /// # Errors
+    /// [`SimulateError::Optics`] for a sensor without a photometric table.
+    pub(super) fn optics(self, sensor: &TactileSensor) -> Result<Option<TactileOptics>, SimulateError> {
+        Ok(if self == Self::None { None } else { Some(TactileOptics::preset(sensor)?) })
+    }
+
+    /// The image of a contact of the sensor's size.
+    ///
+    /// # Errors
+    /// [`SimulateError::Optics`].
+    pub fn render(self, optics: &TactileOptics, contact: &Contact) -> Result<Raster<[u8; 3]>, SimulateError> {
+        if matches!(self, Self::None | Self::Plain) {
+            return Ok(optics.render(&contact.height_map)?);
+        }
+        let mut image = optics.render_with_shadows(contact)?;
+        if self == Self::Markers {
+            optics.draw_markers(&mut image, contact, (0.0, 0.0), &MarkerParams::default())?;
+        }
+        Ok(image)
+    }
+
+    /// The image of the gel that nothing touches.
+    ///
+    /// # Errors
+    /// [`SimulateError::Optics`].
+    pub fn no_contact(self, optics: &TactileOptics) -> Result<Raster<[u8; 3]>, SimulateError> {
+        let sensor = optics.sensor();
+        let (rows, cols) = (sensor.height, sensor.width);
+        self.render(optics, &Contact { height_map: sensor.relaxed(rows, cols), mask: Raster::filled(rows, cols, false) })
     }
 }
 
@@ -103,6 +157,7 @@ pub(super) fn make_touches(
         })
         .collect();
     let mut noise = stream(seed, object, view, "touch pose noise");
+    let optics = params.images.optics(&sensor)?;
     let mut touches = Vec::new();
     let mut order = FarthestFirst::new(aims.iter().map(|a| Point::from(a.translation.vector)).collect());
     while touches.len() < params.count {
@@ -113,8 +168,17 @@ pub(super) fn make_touches(
             continue;
         };
         order.keep_away_from(next);
+        let image = match &optics {
+            None => None,
+            Some(optics) if params.map_width == sensor.width => Some(params.images.render(optics, &contact)?),
+            // Maps may be coarser than images: the same press, seen at the sensor's size.
+            Some(optics) => match press(mesh, &aims[next], &sensor, sensor.width, &params.press) {
+                Ok(fine) => Some(params.images.render(optics, &fine.contact)?),
+                Err(_) => None,
+            },
+        };
         let world_from_sensor = world_from_sensor * pose_noise(params, &mut noise);
-        touches.push(Touch { contact: Some(contact), image: None, world_from_sensor });
+        touches.push(Touch { contact: Some(contact), image, world_from_sensor });
     }
     Ok(touches)
 }

@@ -27,6 +27,8 @@ pub struct YcbSightObject {
     pub pose_sigma: PoseSigma,
     /// Touches, lowest first.
     pub touches: Vec<Touch>,
+    /// Image of the gel that nothing touches, if known. The original set has one for all objects, beside them.
+    pub tactile_background: Option<Raster<[u8; 3]>>,
 }
 
 /// The simulated depth camera of the YCB-Sight set: 400 × 400, 60° field of view.
@@ -82,6 +84,14 @@ fn simulate_at(
     check_mesh(name, mesh)?;
     let mut noise = stream(seed, name, 0, "touch pose noise");
     let mut touches = press_all(name, mesh, seed, params, (&sensor, map_width));
+    let mut tactile_background = None;
+    if let Some(optics) = params.images.optics(&sensor)? {
+        tactile_background = Some(params.images.no_contact(&optics)?);
+        for touch in &mut touches {
+            let contact = touch.contact.as_ref().filter(|c| c.height_map.shape() == (sensor.height, sensor.width));
+            touch.image = contact.map(|c| params.images.render(&optics, c)).transpose()?;
+        }
+    }
     touches.sort_by(|a, b| a.world_from_sensor.translation.z.total_cmp(&b.world_from_sensor.translation.z));
     for touch in &mut touches {
         touch.world_from_sensor *= super::touches::pose_noise(params, &mut noise);
@@ -97,7 +107,17 @@ fn simulate_at(
         })
         .collect();
     let pose_sigma = PoseSigma { translation: params.pose_sigma_translation, rotation: params.pose_sigma_rotation };
-    Ok(YcbSightObject { name: name.to_owned(), depth_cloud, camera, world_from_camera, sensor, pose_sigma, touches })
+    let name = name.to_owned();
+    Ok(YcbSightObject {
+        name,
+        depth_cloud,
+        camera,
+        world_from_camera,
+        sensor,
+        pose_sigma,
+        touches,
+        tactile_background,
+    })
 }
 
 /// Camera-frame points of the pixels that read something, row-major.
@@ -227,6 +247,7 @@ impl YcbSightObject {
             sensor,
             pose_sigma: scene.pose_sigma,
             touches,
+            tactile_background: None,
         }
     }
 }

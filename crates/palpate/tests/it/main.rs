@@ -4,6 +4,7 @@ mod claims;
 mod layering;
 mod metrics;
 mod optics;
+mod photometry;
 mod poisson;
 mod property;
 mod readers;

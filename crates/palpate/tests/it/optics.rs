@@ -12,7 +12,7 @@ const ROWS: usize = 480;
 const COLS: usize = 640;
 
 /// The shared data, or `None`, said aloud, where they are not at hand.
-fn taxim(test: &str) -> Option<PathBuf> {
+pub(crate) fn taxim(test: &str) -> Option<PathBuf> {
     let beside = || Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data");
     let folder = std::env::var_os("PALPATE_DATA").map_or_else(beside, PathBuf::from).join("taxim");
     if !folder.is_dir() {
@@ -22,7 +22,7 @@ fn taxim(test: &str) -> Option<PathBuf> {
     Some(folder)
 }
 
-fn numbers(path: &Path) -> Vec<f64> {
+pub(crate) fn numbers(path: &Path) -> Vec<f64> {
     read_npy(path).expect("a sound array").values
 }
 
@@ -31,7 +31,7 @@ fn raster(path: &Path) -> Raster<f64> {
 }
 
 /// B, G, R of a picture.
-fn picture(path: &Path) -> Raster<[f64; 3]> {
+pub(crate) fn picture(path: &Path) -> Raster<[f64; 3]> {
     let image = image::open(path).expect("a picture").to_rgb8();
     let pixel = |row: usize, col: usize| image.get_pixel(col as u32, row as u32).0;
     Raster::from_fn(image.height() as usize, image.width() as usize, |r, c| {

@@ -3,7 +3,7 @@ use anyhow::{Context as _, bail};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use palpate::geometry::TriangleMesh;
 use palpate::io::{SceneToWrite, read_mesh, write_mesh, write_scene, write_ycb_sight};
-use palpate::simulate::{SimulateParams, Solid, TouchParams, simulate_scene, simulate_ycb_sight};
+use palpate::simulate::{SimulateParams, Solid, TactileImages, TouchParams, simulate_scene, simulate_ycb_sight};
 use palpate::tactile::TactileSensor;
 use rayon::prelude::*;
 use std::io::IsTerminal as _;
@@ -42,6 +42,9 @@ pub(crate) struct Args {
     /// Width of the height maps, pixels; default 320, or the sensor's own if that is less
     #[arg(long, value_name = "PX")]
     map_width: Option<usize>,
+    /// Tactile images, written beside the maps as JPEG with the no-contact image
+    #[arg(long, value_enum, default_value_t = Images::Plain)]
+    tactile_images: Images,
     /// 1σ of the depth noise, millimetres
     #[arg(long, default_value_t = 1.0, value_name = "MM")]
     depth_noise: f64,
@@ -58,6 +61,21 @@ enum Layout {
     Scene,
     YcbSight,
 }
+
+#[derive(Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+enum Images {
+    /// Maps only
+    None,
+    /// Colours of the gel's slopes, as in YCB-Sight
+    Plain,
+    /// With the shadows that the rim of the contact casts
+    Shadows,
+    /// With shadows and moving marker dots
+    Markers,
+}
+
+/// Quality of the tactile images: that of YCB-Sight.
+const JPEG_QUALITY: u8 = 95;
 
 fn parse_pose_noise(text: &str) -> Result<(f64, f64), String> {
     let (mm, deg) = text.split_once(',').ok_or("two numbers are needed: MM,DEG")?;
@@ -127,6 +145,12 @@ impl Args {
                 .map_width
                 .unwrap_or_else(|| TactileSensor::preset(&self.sensor).map_or(320, |sensor| sensor.width.min(320))),
             candidates: params.touch.candidates.max(self.touches),
+            images: match self.tactile_images {
+                Images::None => TactileImages::None,
+                Images::Plain => TactileImages::Plain,
+                Images::Shadows => TactileImages::Shadows,
+                Images::Markers => TactileImages::Markers,
+            },
             pose_sigma_translation: self.pose_noise.0 * 1e-3,
             pose_sigma_rotation: self.pose_noise.1.to_radians(),
             ..params.touch
@@ -151,7 +175,12 @@ pub(super) fn load(mesh: &str) -> anyhow::Result<(String, TriangleMesh)> {
 /// Writes a scene folder; returns what was lost.
 fn scene(name: &str, mesh: &TriangleMesh, params: &SimulateParams, output: &Path) -> anyhow::Result<Option<String>> {
     let made = simulate_scene(name, mesh, params)?;
-    let what = SceneToWrite { truth: Some(&made.truth), ..SceneToWrite::new(&made.scene) };
+    let what = SceneToWrite {
+        truth: Some(&made.truth),
+        tactile_background: made.tactile_background.as_ref(),
+        jpeg_quality: Some(JPEG_QUALITY),
+        ..SceneToWrite::new(&made.scene)
+    };
     write_scene(output.join(&made.scene.name), &what)?;
     let (found, asked) = (made.scene.touches.len(), params.touch.count);
     Ok((found < asked)

@@ -1,5 +1,6 @@
 //! `palpate train`: networks that read tactile images. Only with the feature `nn`.
 
+mod compact;
 mod plot;
 
 use crate::Outcome;
@@ -69,6 +70,8 @@ enum Network {
     HeightMap,
     /// FCRN: where the object touches the gel
     ContactMask,
+    /// The small decoder that palpate runs by itself: heights and contact, of images 320 × 240
+    Compact,
 }
 
 #[derive(Clone, Copy, ValueEnum)]
@@ -85,6 +88,9 @@ enum Device {
 }
 
 pub(crate) fn run(args: Args) -> anyhow::Result<Outcome> {
+    if let Network::Compact = args.network {
+        return compact::run(&args);
+    }
     let config = effective(&args)?;
     let split = Split::open(&args.split)?;
     let samples = PressFolder::new(PressSet::open(&args.data)?, &args.data);
@@ -108,6 +114,7 @@ fn effective(args: &Args) -> anyhow::Result<TrainConfig> {
     let (head, head_name) = match args.network {
         Network::HeightMap => (Head::HeightMap, "height-map"),
         Network::ContactMask => (Head::ContactMask, "contact-mask"),
+        Network::Compact => unreachable!("trained by its own module"),
     };
     let mut config = match &args.config {
         Some(path) => TrainConfig::open(path)?,
