@@ -1,8 +1,9 @@
 //! From flags to a tactile decoder.
 
 use anyhow::{Context as _, bail};
-use palpate::io::{read_color, read_lookup_table};
+use palpate::io::{read_color, read_compact_weights, read_lookup_table};
 use palpate::simulate::simulated_lookup_table;
+use palpate::tactile::compact::CompactDecoder;
 use palpate::tactile::{Border, LookupDecoder, NoContact, TactileDecoder, TactileSensor, ThresholdDecoder};
 use std::path::{Path, PathBuf};
 
@@ -73,9 +74,12 @@ pub(crate) fn make(
         DecoderKind::Lookup => lookup(Border::Relaxed),
         DecoderKind::LookupFree => lookup(Border::Free),
         DecoderKind::Threshold => Ok(Box::new(ThresholdDecoder::new(no_contact))),
-        DecoderKind::Compact | DecoderKind::Fcrn => {
-            bail!("the decoder '{}' is not built yet", kind.name())
-        }
+        DecoderKind::Compact => Ok(Box::new(match &files.weights {
+            None => CompactDecoder::shipped(no_contact),
+            Some(path) => CompactDecoder::new(&read_compact_weights(path)?, no_contact)
+                .with_context(|| format!("weights {}", path.display()))?,
+        })),
+        DecoderKind::Fcrn => bail!("the decoder '{}' is not built yet", kind.name()),
     }
 }
 

@@ -23,6 +23,7 @@ mod scene_format;
 mod scene_write;
 mod stl;
 mod text;
+mod weights;
 mod ycb_sight;
 
 pub use atomic::atomic_write;
@@ -40,4 +41,5 @@ pub use press_set::{PressSet, PressSetHeader, begin_press_set, has_press_shard, 
 pub use scene::{SceneCheck, SceneFile, check_scene, read_scene};
 pub use scene_write::{NewScene, SceneToWrite, init_scene, write_scene};
 pub use text::{check_mesh_output, check_writable, create_folder, read_text, write_text};
+pub use weights::read_compact_weights;
 pub use ycb_sight::{YcbSightFile, read_ycb_sight, read_ycb_sight_press, write_ycb_sight};

@@ -6,7 +6,9 @@ use crate::camera::Visible;
 use crate::evidence::Evidence;
 use crate::geometry::Point;
 use crate::scene::Scene;
-use crate::tactile::{LiftError, Patch, lift};
+use crate::tactile::{Contact, DecodeError, LiftError, Patch, TactileDecoder, TactileSensor, Touch, lift};
+use rayon::prelude::*;
+use std::borrow::Cow;
 
 /// Decodes and lifts the touches in use; contacts with nothing in them are left out.
 pub(super) fn feel(
@@ -20,22 +22,13 @@ pub(super) fn feel(
         return Ok(Vec::new());
     }
     let sensor = scene.sensor.as_ref().ok_or(ReconstructError::NoSensor { touches: count })?;
+    let decoder = stages.decoder;
+    let touches = &scene.touches[..count];
+    let contacts: Vec<_> = touches.par_iter().map(|touch| contact_of(touch, decoder, sensor)).collect();
     let mut patches = Vec::with_capacity(count);
-    for (i, touch) in scene.touches[..count].iter().enumerate() {
-        let decoded;
-        let contact = match (&touch.contact, &touch.image, stages.decoder) {
-            (Some(contact), _, _) => contact,
-            (None, Some(image), Some(decoder)) => {
-                decoded =
-                    decoder.decode(image, sensor).map_err(|source| ReconstructError::Decode { touch: i, source })?;
-                &decoded
-            }
-            _ => {
-                let source = crate::tactile::DecodeError::NothingRecorded { decoder: "recorded" };
-                return Err(ReconstructError::Decode { touch: i, source });
-            }
-        };
-        match lift(contact, sensor, &touch.world_from_sensor, &params.lift) {
+    for (i, (touch, contact)) in touches.iter().zip(contacts).enumerate() {
+        let contact = contact.map_err(|source| ReconstructError::Decode { touch: i, source })?;
+        match lift(&contact, sensor, &touch.world_from_sensor, &params.lift) {
             Ok(patch) => patches.push((i, patch)),
             Err(nothing @ LiftError::NoSurface { .. }) => {
                 warnings.push(Warning::TouchLeftOut { touch: i, reason: nothing.to_string() });
@@ -44,6 +37,19 @@ pub(super) fn feel(
         }
     }
     Ok(patches)
+}
+
+/// What a touch recorded, or what its image shows.
+fn contact_of<'a>(
+    touch: &'a Touch,
+    decoder: Option<&dyn TactileDecoder>,
+    sensor: &TactileSensor,
+) -> Result<Cow<'a, Contact>, DecodeError> {
+    match (&touch.contact, &touch.image, decoder) {
+        (Some(contact), _, _) => Ok(Cow::Borrowed(contact)),
+        (None, Some(image), Some(decoder)) => decoder.decode(image, sensor).map(Cow::Owned),
+        _ => Err(DecodeError::NothingRecorded { decoder: "recorded" }),
+    }
 }
 
 /// Gathers the evidence, leaving out touches that cannot be of this object: further off than its size, or in space that the

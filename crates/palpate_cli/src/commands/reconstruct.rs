@@ -1,8 +1,10 @@
 use crate::Outcome;
+use crate::decoders::{self, DecoderFiles, DecoderKind};
 use crate::progress::StageClock;
 use crate::report;
 use anyhow::{Context as _, bail};
 use palpate::geometry::PointCloud;
+use palpate::tactile::{NoContact, TactileDecoder};
 use palpate::io::{self, SceneFile};
 use palpate::pipeline::{self, Method, ReconstructParams, Reconstruction, Stages, Surface};
 use std::path::{Path, PathBuf};
@@ -33,9 +35,11 @@ pub(crate) struct Args {
     /// Use only the first N touches.
     #[arg(long, value_name = "N")]
     max_touches: Option<usize>,
-    /// Where height maps come from; this version uses recorded ones only.
+    /// Where height maps come from.
     #[arg(long, value_enum, default_value_t = DecoderArg::Auto)]
     decoder: DecoderArg,
+    #[command(flatten)]
+    decoder_files: DecoderFiles,
     /// JSON with timings, counts, symmetries, warnings and parameters; with several scenes one beside each mesh.
     #[arg(long, value_name = "FILE")]
     report: Option<PathBuf>,
@@ -65,16 +69,35 @@ enum SurfaceArg {
 
 #[derive(Clone, Copy, PartialEq, clap::ValueEnum)]
 enum DecoderArg {
-    /// Recorded maps; an error where a touch has only an image.
+    /// Recorded maps; the compact network where a touch has only an image.
     Auto,
     /// Recorded maps; images are ignored.
     Recorded,
+    /// Images, by the compact network, also where maps are recorded.
+    Compact,
+    /// Images, by colour table and fast Poisson; needs --lookup-table.
+    Lookup,
+    /// Images, by the published network; needs --weights and a build with the feature `nn`.
+    Fcrn,
+}
+
+impl DecoderArg {
+    /// The decoder of images, if any.
+    fn kind(self) -> Option<DecoderKind> {
+        match self {
+            Self::Recorded => None,
+            Self::Auto | Self::Compact => Some(DecoderKind::Compact),
+            Self::Lookup => Some(DecoderKind::Lookup),
+            Self::Fcrn => Some(DecoderKind::Fcrn),
+        }
+    }
 }
 
 pub(crate) fn run(args: Args) -> anyhow::Result<Outcome> {
     let params = effective_params(&args)?;
     if args.scenes.len() == 1 {
-        return reconstruct_one(&args.scenes[0], &args.output, args.report.as_deref(), args.keep.as_deref(), &params);
+        let (report, keep) = (args.report.as_deref(), args.keep.as_deref());
+        return reconstruct_one(&args.scenes[0], &args.output, report, keep, &params, &args);
     }
     if args.output.extension().is_some_and(|e| ["ply", "obj", "stl", "glb"].contains(&&*e.to_string_lossy())) {
         bail!("{} scenes were given, so --output must be a folder, not '{}'", args.scenes.len(), args.output.display());
@@ -87,7 +110,7 @@ pub(crate) fn run(args: Args) -> anyhow::Result<Outcome> {
         let report = args.report.as_ref().map(|_| args.output.join(format!("{name}.json")));
         let keep = args.keep.as_ref().map(|keep| keep.join(name));
         // One bad scene does not cost the others.
-        match reconstruct_one(scene, &output, report.as_deref(), keep.as_deref(), &params) {
+        match reconstruct_one(scene, &output, report.as_deref(), keep.as_deref(), &params, &args) {
             Ok(outcome) => degraded |= matches!(outcome, Outcome::Degraded),
             Err(error) => {
                 eprintln!("palpate: scene '{}': {error:#}", scene.display());
@@ -146,6 +169,7 @@ fn reconstruct_one(
     report: Option<&Path>,
     keep: Option<&Path>,
     params: &ReconstructParams,
+    args: &Args,
 ) -> anyhow::Result<Outcome> {
     // A wrong output path must not cost the user the run.
     io::check_mesh_output(output)?;
@@ -157,11 +181,13 @@ fn reconstruct_one(
     }
     let clock = StageClock::start();
     clock.begin("read");
-    let file = read_input(folder, params.seed)?;
+    let mut file = read_input(folder, params.seed)?;
+    let decoder = decoder(&mut file, args)?;
     for warning in &file.warnings {
         clock.say(&format!("warning: {warning}"));
     }
-    let stages = Stages { on_stage: Some(&|stage| clock.begin(stage)), ..Stages::default() };
+    let stages =
+        Stages { decoder: decoder.as_deref(), on_stage: Some(&|stage| clock.begin(stage)), ..Stages::default() };
     let result = pipeline::reconstruct(&file.scene, params, &stages)?;
     clock.begin("write");
     io::write_mesh(output, &result.mesh)?;
@@ -180,6 +206,24 @@ fn reconstruct_one(
     Ok(if result.warnings.is_empty() { Outcome::Done } else { Outcome::Degraded })
 }
 
+/// The decoder of the scene's tactile images, if any is to be decoded. Recorded maps beside images are dropped where the images
+/// were asked for.
+fn decoder(file: &mut SceneFile, args: &Args) -> anyhow::Result<Option<Box<dyn TactileDecoder>>> {
+    let Some(kind) = args.decoder.kind() else { return Ok(None) };
+    if args.decoder != DecoderArg::Auto {
+        for touch in file.scene.touches.iter_mut().filter(|touch| touch.image.is_some()) {
+            touch.contact = None;
+        }
+    }
+    let needed = file.scene.touches.iter().any(|touch| touch.contact.is_none() && touch.image.is_some());
+    let Some(sensor) = file.scene.sensor.as_ref().filter(|_| needed) else { return Ok(None) };
+    let background = file.tactile_background.clone().with_context(|| {
+        format!("scene '{}': [sensor] background (the no-contact image) is needed to decode images", file.scene.name)
+    })?;
+    let no_contact = NoContact::new(background, sensor).context("[sensor] background")?;
+    decoders::make(kind, no_contact, sensor, &args.decoder_files).map(Some)
+}
+
 /// A scene folder, or an object in the YCB-Sight layout (told by its `pose.txt`).
 fn read_input(folder: &Path, seed: u64) -> anyhow::Result<SceneFile> {
     if !folder.join("pose.txt").is_file() {
@@ -187,9 +231,9 @@ fn read_input(folder: &Path, seed: u64) -> anyhow::Result<SceneFile> {
     }
     let file = io::read_ycb_sight(folder)?;
     Ok(SceneFile {
+        tactile_background: file.object.tactile_background.clone(),
         scene: file.object.into_scene(seed),
         truth: None,
-        tactile_background: None,
         warnings: file.warnings,
     })
 }

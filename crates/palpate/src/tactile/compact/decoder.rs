@@ -16,7 +16,16 @@ pub struct CompactDecoder {
     integrator: Integrator,
 }
 
+/// The weights that come with the crate: see the model card beside the file.
+const SHIPPED: &[u8] = include_bytes!("../../../assets/compact/ycb-sight.safetensors");
+
 impl CompactDecoder {
+    /// The decoder for the sensor `ycb-sight` with the weights that come with the crate.
+    pub fn shipped(no_contact: NoContact) -> Self {
+        let weights = Weights::parse(SHIPPED).expect("the shipped file is whole");
+        Self::new(&weights, no_contact).expect("the shipped file is of this network")
+    }
+
     /// * `weights` – of this architecture, trained for the sensor's model
     /// * `no_contact` – of this very sensor and light
     ///
@@ -54,5 +63,39 @@ impl TactileDecoder for CompactDecoder {
         let heights = relaxed.as_slice().iter().zip(felt.depth.as_slice()).map(|(g, d)| g - 1e-3 * d.max(0.0));
         let height_map = Raster::from_vec(rows, cols, heights.collect()).expect("of the working size");
         Ok(Contact { height_map, mask })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::tactile::optics::TactileOptics;
+
+    #[test]
+    fn speed() {
+        let sensor = TactileSensor::preset("ycb-sight").expect("listed");
+        let optics = TactileOptics::preset(&sensor).expect("has a table");
+        let rest = optics.no_contact();
+        let no_contact = NoContact::new(rest.clone(), &sensor).expect("sound");
+        let decoder = CompactDecoder::shipped(no_contact);
+        println!("{} parameters, {} MMAC", decoder.model().parameters(), decoder.model().cost() / 1_000_000);
+        let diff = Raster::from_fn(240, 320, |r, c| [((r * 7 + c) % 19) as f32, ((r + c * 3) % 23) as f32, 3.0]);
+        let dome = sensor.relaxed(240, 320);
+        for _ in 0..5 {
+            let t = std::time::Instant::now();
+            let steps = decoder.model.gradient.run(&diff);
+            let t1 = t.elapsed();
+            let shape = decoder.integrator.integrate_steps(&steps);
+            let t2 = t.elapsed();
+            let input = crate::tactile::compact::level_input(&diff, &shape, &steps, &dome);
+            let t3 = t.elapsed();
+            let level = decoder.model.level.run(&input);
+            let t4 = t.elapsed();
+            let (depth, peak) = crate::tactile::compact::join(&shape, &level);
+            let t5 = t.elapsed();
+            let m = decoder.model.mask.run(&crate::tactile::compact::Indentation { depth, steps, peak });
+            let t6 = t.elapsed();
+            println!("grad {t1:?} dct {:?} input {:?} level {:?} join {:?} mask {:?} total {t6:?} {}", t2 - t1, t3 - t2, t4 - t3, t5 - t4, t6 - t5, m[(3, 3)]);
+        }
     }
 }
