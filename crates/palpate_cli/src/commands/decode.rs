@@ -90,7 +90,9 @@ pub(crate) fn run(args: Args) -> anyhow::Result<Outcome> {
         })
         .collect();
     drop(bar);
-    results.into_iter().for_each(|said| tally.count(said));
+    for said in results {
+        tally.count(said);
+    }
     for (name, source) in &sources {
         if let Source::Video(path) = source {
             job.decode_video(name, path, &mut tally);
@@ -158,7 +160,9 @@ impl Job<'_> {
                     said
                 })
                 .collect();
-            said.into_iter().for_each(|said| tally.count(said));
+            for said in said {
+                tally.count(said);
+            }
             first += count;
         }
     }

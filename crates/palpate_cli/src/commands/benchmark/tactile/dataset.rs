@@ -24,7 +24,7 @@ pub(super) struct Press {
 }
 
 enum Source {
-    Set(PressSet),
+    Set(Box<PressSet>),
     /// Folders of the objects, by place.
     Objects(Vec<PathBuf>),
 }
@@ -41,7 +41,7 @@ impl Dataset {
             };
             let presses = (0..set.len()).map(press).collect();
             let background = given.unwrap_or_else(|| set.background().clone());
-            return Ok(Self { presses, sensor: set.sensor().clone(), background, source: Source::Set(set) });
+            return Ok(Self { presses, sensor: set.sensor().clone(), background, source: Source::Set(Box::new(set)) });
         }
         let folders = object_folders(folder)?;
         if folders.is_empty() {
