@@ -96,9 +96,8 @@ pub(crate) fn run(args: Args) -> anyhow::Result<Outcome> {
     };
     begin_press_set(&args.output, &header, &sampler.background())?;
     let (part, parts) = args.shard.unwrap_or((0, 1));
-    let todo: Vec<usize> = (0..header.shards())
-        .filter(|shard| shard % parts == part && !has_press_shard(&args.output, *shard))
-        .collect();
+    let todo: Vec<usize> =
+        (0..header.shards()).filter(|shard| shard % parts == part && !has_press_shard(&args.output, *shard)).collect();
     let bar = progress_bar(todo.iter().map(|&s| header.presses_of(s).len()).sum());
     for shard in todo {
         let presses = header

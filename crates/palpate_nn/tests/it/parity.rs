@@ -1,7 +1,8 @@
 //! The FCRN against PyTorch: outputs, loss, gradients of all parameters and running statistics; see `oracle/fcrn_parity.py`.
 //!
-//! The reference was computed in f64. Tolerance: 1e-3 of the largest value of each tensor, and 1e-5 of the largest gradient
-//! of the network (the gradient of a bias before a norm is zero but for rounding).
+//! The reference was computed in f64. Tolerance, relative to the largest value of each tensor: 2e-4 for outputs, loss and
+//! statistics, 5e-3 for gradients, where PyTorch in f32 is itself off by 1e-3 from its f64. To it comes 1e-4 of the network's
+//! largest gradient: that of a bias before a norm is zero but for rounding.
 
 use burn::module::{AutodiffModule as _, Module, ModuleVisitor, Param};
 use burn::prelude::*;
@@ -40,9 +41,9 @@ fn largest(values: &[f32]) -> f32 {
     values.iter().fold(0.0, |m, v| m.max(v.abs()))
 }
 
-fn assert_close(name: &str, found: &[f32], needed: &[f32], floor: f32) {
+fn assert_close(name: &str, found: &[f32], needed: &[f32], relative: f32, floor: f32) {
     assert_eq!(found.len(), needed.len(), "{name}");
-    let tolerance = 1e-3 * largest(needed) + floor;
+    let tolerance = relative * largest(needed) + floor;
     let error = found.iter().zip(needed).fold(0.0f32, |m, (a, b)| m.max((a - b).abs()));
     assert!(error <= tolerance, "{name}: off by {error}, at most {tolerance} allowed");
 }
@@ -75,35 +76,35 @@ fn check(head: Head, name: &str, truth: &str, gradients_needed: usize) {
 
     let inference: Fcrn<Cpu> = oracle.network(head);
     let output = inference.forward(oracle.image("image"));
-    assert_close("eval", &output.into_data().to_vec::<f32>().expect("f32"), &values("eval"), 0.0);
+    assert_close("eval", &output.into_data().to_vec::<f32>().expect("f32"), &values("eval"), 2e-4, 0.0);
 
     let model: Fcrn<CpuAutodiff> = oracle.network(head);
     let output = model.forward(oracle.image("image"));
-    assert_close("train", &output.to_data().to_vec::<f32>().expect("f32"), &values("train"), 0.0);
+    assert_close("train", &output.to_data().to_vec::<f32>().expect("f32"), &values("train"), 2e-4, 0.0);
     let loss = Loss::RootMeanSquare.of(output, oracle.image(truth));
-    assert_close("loss", &loss.to_data().to_vec::<f32>().expect("f32"), &values("loss"), 0.0);
+    assert_close("loss", &loss.to_data().to_vec::<f32>().expect("f32"), &values("loss"), 2e-4, 0.0);
 
     let grads = loss.backward();
     let mut found = Gradients { path: vec![], grads: &grads, found: NamedTensors::new() };
     model.visit(&mut found);
     let needed = oracle.part(&format!("{name}.gradient."));
     assert_eq!(needed.len(), gradients_needed);
-    let floor = 1e-5 * needed.values().fold(0.0f32, |m, t| m.max(largest(&t.values)));
+    let floor = 1e-4 * needed.values().fold(0.0f32, |m, t| m.max(largest(&t.values)));
     for (key, tensor) in &needed {
         assert_eq!(found.found[key].shape, tensor.shape, "{key}");
-        assert_close(key, &found.found[key].values, &tensor.values, floor);
+        assert_close(key, &found.found[key].values, &tensor.values, 5e-3, floor);
     }
     if head == Head::HeightMap {
         let after = named_tensors(&model.valid());
         for (key, tensor) in oracle.part("after.") {
-            assert_close(&key, &after[&key].values, &tensor.values, 1e-5);
+            assert_close(&key, &after[&key].values, &tensor.values, 1e-4, 1e-5);
         }
     }
 }
 
 #[test]
 fn the_height_network_agrees_with_pytorch_in_values_and_all_gradients() {
-    check(Head::HeightMap, "height", "truth.height", 222);
+    check(Head::HeightMap, "height", "truth.height", 260);
 }
 
 #[test]
