@@ -1,6 +1,6 @@
 //! ResNet-50 with a width: 64 is the original.
 
-use crate::layers::{Padding, conv, norm};
+use crate::layers::{conv, norm};
 use burn::nn::BatchNorm;
 use burn::nn::PaddingConfig2d;
 use burn::nn::conv::Conv2d;
@@ -17,7 +17,7 @@ pub(crate) struct ConvNorm<B: Backend> {
 
 impl<B: Backend> ConvNorm<B> {
     pub(crate) fn new(channels: (usize, usize), kernel: usize, stride: usize, device: &B::Device) -> Self {
-        let conv = conv(channels, [kernel, kernel], stride, Padding::all(kernel / 2), false, device);
+        let conv = conv(channels, [kernel, kernel], stride, kernel / 2, false, device);
         Self { conv, norm: norm(channels.1, device) }
     }
 

@@ -1,6 +1,6 @@
 use super::decoder::UpProjection;
 use super::encoder::{ConvNorm, Encoder};
-use crate::layers::{Padding, blur, conv, drop_channels, enlarge_twice};
+use crate::layers::{blur, conv, drop_channels, enlarge_twice};
 use crate::weights::{Architecture, initialize};
 use burn::nn::conv::Conv2d;
 use burn::prelude::*;
@@ -125,7 +125,7 @@ impl<B: Backend> Fcrn<B> {
             encoder: Encoder::new(w, device),
             bridge: ConvNorm::new((32 * w, 16 * w), 1, 1, device),
             up: [16, 8, 4, 2].map(|k| UpProjection::new(k * w, k / 2 * w, device)).into(),
-            last: conv((w, 1), [3, 3], 1, Padding::all(1), true, device),
+            last: conv((w, 1), [3, 3], 1, 1, true, device),
             config,
         })
     }
