@@ -83,7 +83,9 @@ impl Args {
             Command::Train(args) => commands::train::run(args),
             #[cfg(not(feature = "nn"))]
             Command::Train(_) => {
-                anyhow::bail!("this palpate was built without networks; build it with: cargo build --release --features nn")
+                anyhow::bail!(
+                    "this palpate was built without networks; build it with: cargo build --release --features nn"
+                )
             }
             Command::Config(args) => commands::config::run(args),
         }

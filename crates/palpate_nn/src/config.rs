@@ -176,10 +176,15 @@ impl TrainConfig {
 
     fn better(head: Head) -> Self {
         Self {
-            network: NetworkConfig { width: 64, head, dropout: 0.1 },
+            network: NetworkConfig {
+                width: 64,
+                // Most of an indentation map is 0, where a rectified output dies.
+                head: if head == Head::HeightMap { Head::SignedHeightMap } else { head },
+                dropout: 0.1,
+            },
             data: DataConfig { rows: 240, cols: 320, input: Input::Difference, target: Target::IndentationMm },
             loss: match head {
-                Head::HeightMap => Loss::L1Gradient { gradient: 1.0 },
+                Head::HeightMap | Head::SignedHeightMap => Loss::L1Gradient { gradient: 1.0 },
                 Head::ContactMask => Loss::BceDice { dice: 1.0 },
             },
             augment: Augment { gain: 0.1, offset: 5.0, noise: 2.0 },
@@ -218,8 +223,10 @@ impl TrainConfig {
     /// [`TrainConfigError`].
     pub fn open(path: &Path) -> Result<Self, TrainConfigError> {
         let text = read_text(path)?;
-        let config: Self = toml::from_str(&text)
-            .map_err(|e| TrainConfigError::Toml { path: path.to_owned(), reason: e.to_string().trim_end().to_owned() })?;
+        let config: Self = toml::from_str(&text).map_err(|e| TrainConfigError::Toml {
+            path: path.to_owned(),
+            reason: e.to_string().trim_end().to_owned(),
+        })?;
         config.validate()?;
         Ok(config)
     }

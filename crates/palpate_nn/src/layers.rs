@@ -3,38 +3,21 @@
 use burn::nn::conv::{Conv2d, Conv2dConfig};
 use burn::nn::{BatchNorm, BatchNormConfig, Initializer, PaddingConfig2d};
 use burn::prelude::*;
-use burn::tensor::ops::PadMode;
 use rand::RngExt as _;
 use rand_pcg::Pcg64;
-
-/// Zeros added round an image before a convolution, in pixels.
-#[derive(Clone, Copy)]
-pub(crate) struct Padding {
-    pub(crate) top: usize,
-    pub(crate) left: usize,
-    pub(crate) bottom: usize,
-    pub(crate) right: usize,
-}
-
-impl Padding {
-    pub(crate) fn all(pixels: usize) -> Self {
-        Self { top: pixels, left: pixels, bottom: pixels, right: pixels }
-    }
-}
 
 /// A convolution with all parameters zero; [`crate::weights::initialize`] draws them.
 pub(crate) fn conv<B: Backend>(
     (inputs, outputs): (usize, usize),
     kernel: [usize; 2],
     stride: usize,
-    padding: Padding,
+    padding: usize,
     bias: bool,
     device: &B::Device,
 ) -> Conv2d<B> {
-    let Padding { top, left, bottom, right } = padding;
     Conv2dConfig::new([inputs, outputs], kernel)
         .with_stride([stride, stride])
-        .with_padding(PaddingConfig2d::Explicit(top, left, bottom, right))
+        .with_padding(PaddingConfig2d::Explicit(padding, padding, padding, padding))
         .with_bias(bias)
         .with_initializer(Initializer::Zeros)
         .init(device)
@@ -68,7 +51,7 @@ pub(crate) fn enlarge_twice<B: Backend>(image: Tensor<B, 4>) -> Tensor<B, 4> {
 
 fn enlarge_axis<B: Backend>(image: Tensor<B, 4>, axis: usize) -> Tensor<B, 4> {
     let mut dims = image.dims();
-    let (before, after) = neighbours(image.clone(), axis, PadMode::Edge);
+    let (before, after) = neighbours(image.clone(), axis, 0);
     let near = image.mul_scalar(0.75);
     let even = before.mul_scalar(0.25).add(near.clone());
     let odd = after.mul_scalar(0.25).add(near);
@@ -77,12 +60,13 @@ fn enlarge_axis<B: Backend>(image: Tensor<B, 4>, axis: usize) -> Tensor<B, 4> {
 }
 
 /// The image moved by one pixel towards larger and towards smaller indices of `axis`.
-fn neighbours<B: Backend>(image: Tensor<B, 4>, axis: usize, mode: PadMode) -> (Tensor<B, 4>, Tensor<B, 4>) {
+///
+/// * `beyond` – the pixel that stands in for the one outside, counted from the edge: 0 repeats the edge, 1 reflects about it
+fn neighbours<B: Backend>(image: Tensor<B, 4>, axis: usize, beyond: usize) -> (Tensor<B, 4>, Tensor<B, 4>) {
     let n = image.dims()[axis];
-    let mut padding = [(0, 0); 4];
-    padding[axis] = (1, 1);
-    let padded = image.pad(padding, mode);
-    (padded.clone().narrow(axis, 0, n), padded.narrow(axis, 2, n))
+    let part = |start, length| image.clone().narrow(axis, start, length);
+    let before = Tensor::cat(vec![part(beyond, 1), part(0, n - 1)], axis);
+    (before, Tensor::cat(vec![part(1, n - 1), part(n - 1 - beyond, 1)], axis))
 }
 
 /// 3 × 3 Gaussian blur with σ = 0.8 px, edges reflected about the outermost pixel.
@@ -91,7 +75,7 @@ pub(crate) fn blur<B: Backend>(image: Tensor<B, 4>) -> Tensor<B, 4> {
     let side = (-0.5 / (SIGMA * SIGMA)).exp();
     let (side, centre) = (side / (1.0 + 2.0 * side), 1.0 / (1.0 + 2.0 * side));
     [2, 3].into_iter().fold(image, |image, axis| {
-        let (before, after) = neighbours(image.clone(), axis, PadMode::Reflect);
+        let (before, after) = neighbours(image.clone(), axis, 1);
         image.mul_scalar(centre).add(before.add(after).mul_scalar(side))
     })
 }

@@ -31,9 +31,8 @@ impl Loss {
                 let slopes = differences(&error, 2).abs().mean().add(differences(&error, 3).abs().mean());
                 error.abs().mean().add(slopes.mul_scalar(gradient))
             }
-            Self::BceDice { dice } => {
-                binary_cross_entropy(prediction.clone(), truth.clone()).add(dice_loss(prediction, truth).mul_scalar(dice))
-            }
+            Self::BceDice { dice } => binary_cross_entropy(prediction.clone(), truth.clone())
+                .add(dice_loss(prediction, truth).mul_scalar(dice)),
         }
     }
 }

@@ -76,7 +76,7 @@ impl<'a> FcrnTask<'a> {
             let target = self.config.data.target;
             match self.network().head {
                 Head::ContactMask => batch.truth.extend(sample.mask),
-                Head::HeightMap => {
+                Head::HeightMap | Head::SignedHeightMap => {
                     let truth = sample.height.iter().zip(relaxed.as_slice());
                     batch.truth.extend(truth.map(|(&z, &relaxed)| target.encode(z, relaxed, self.samples.sensor())));
                 }
@@ -130,7 +130,7 @@ impl<B: AutodiffBackend> Task<B> for FcrnTask<'_> {
 
     fn metrics(&self) -> &[Metric] {
         match self.network().head {
-            Head::HeightMap => &HEIGHT_METRICS,
+            Head::HeightMap | Head::SignedHeightMap => &HEIGHT_METRICS,
             Head::ContactMask => &MASK_METRICS,
         }
     }
@@ -144,7 +144,7 @@ impl<B: AutodiffBackend> Task<B> for FcrnTask<'_> {
             let mut batch = self.collect(samples);
             let prediction = host_values(model.forward(self.images::<B::InnerBackend>(&mut batch, device)));
             match self.network().head {
-                Head::HeightMap => {
+                Head::HeightMap | Head::SignedHeightMap => {
                     let mm = self.config.data.target.millimetres(self.samples.sensor());
                     sums.add_heights(&prediction, &batch.truth, &masks, mm);
                 }
@@ -152,7 +152,7 @@ impl<B: AutodiffBackend> Task<B> for FcrnTask<'_> {
             }
         }
         Ok(match self.network().head {
-            Head::HeightMap => sums.heights(),
+            Head::HeightMap | Head::SignedHeightMap => sums.heights(),
             Head::ContactMask => sums.masks(),
         })
     }

@@ -9,7 +9,7 @@ mod split;
 
 pub use augment::Augment;
 pub use error::DataError;
-pub use press_folder::PressFolder;
 pub use prepare::{Prepared, resize};
+pub use press_folder::PressFolder;
 pub use samples::{MemorySamples, PressSample, Samples};
 pub use split::{Part, Parts, Split};

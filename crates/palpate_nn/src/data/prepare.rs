@@ -36,9 +36,8 @@ impl Prepared {
             return Err(DataError::Sizes { index, object: samples.object(index).to_owned(), sizes });
         }
         let background = samples.background();
-        let plane = |raster: &Raster<[u8; 3]>, channel: usize| {
-            resize(&raster.map(|rgb| f32::from(rgb[channel])), rows, cols)
-        };
+        let plane =
+            |raster: &Raster<[u8; 3]>, channel: usize| resize(&raster.map(|rgb| f32::from(rgb[channel])), rows, cols);
         let mut channels = Vec::with_capacity(3 * rows * cols);
         for channel in 0..3 {
             channels.extend_from_slice(plane(&image, channel).as_slice());

@@ -1,6 +1,6 @@
 //! Up-projection: residual enlargement by two.
 
-use crate::layers::{Padding, conv, interleave, norm};
+use crate::layers::{conv, interleave, norm};
 use burn::nn::BatchNorm;
 use burn::nn::conv::Conv2d;
 use burn::prelude::*;
@@ -22,20 +22,15 @@ struct Unpool<B: Backend> {
 
 impl<B: Backend> Unpool<B> {
     fn new(channels: (usize, usize), device: &B::Device) -> Self {
-        let make = |rows, cols| {
-            let padding = Padding { top: 1, left: 1, bottom: rows - 2, right: cols - 2 };
-            conv(channels, [rows, cols], 1, padding, true, device)
-        };
+        let make = |rows, cols| conv(channels, [rows, cols], 1, 1, true, device);
         Self { conv3x3: make(3, 3), conv2x3: make(2, 3), conv3x2: make(3, 2), conv2x2: make(2, 2) }
     }
 
     fn forward(&self, x: Tensor<B, 4>) -> Tensor<B, 4> {
-        interleave(
-            self.conv3x3.forward(x.clone()),
-            self.conv2x3.forward(x.clone()),
-            self.conv3x2.forward(x.clone()),
-            self.conv2x2.forward(x),
-        )
+        // Padded on all sides, an even kernel gives a row or column more: without it, the padding is before the first only.
+        let [_, _, rows, cols] = x.dims();
+        let part = |conv: &Conv2d<B>| conv.forward(x.clone()).narrow(2, 0, rows).narrow(3, 0, cols);
+        interleave(part(&self.conv3x3), part(&self.conv2x3), part(&self.conv3x2), part(&self.conv2x2))
     }
 }
 
@@ -55,7 +50,7 @@ impl<B: Backend> UpProjection<B> {
         Self {
             main_unpool: Unpool::new((inputs, outputs), device),
             main_norm1: norm(outputs, device),
-            main_conv: conv((outputs, outputs), [3, 3], 1, Padding::all(1), true, device),
+            main_conv: conv((outputs, outputs), [3, 3], 1, 1, true, device),
             main_norm2: norm(outputs, device),
             short_unpool: Unpool::new((inputs, outputs), device),
             short_norm: norm(outputs, device),

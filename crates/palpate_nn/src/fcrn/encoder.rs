@@ -1,6 +1,6 @@
 //! ResNet-50 with a width: 64 is the original.
 
-use crate::layers::{Padding, conv, norm};
+use crate::layers::{conv, norm};
 use burn::nn::BatchNorm;
 use burn::nn::PaddingConfig2d;
 use burn::nn::conv::Conv2d;
@@ -17,7 +17,7 @@ pub(crate) struct ConvNorm<B: Backend> {
 
 impl<B: Backend> ConvNorm<B> {
     pub(crate) fn new(channels: (usize, usize), kernel: usize, stride: usize, device: &B::Device) -> Self {
-        let conv = conv(channels, [kernel, kernel], stride, Padding::all(kernel / 2), false, device);
+        let conv = conv(channels, [kernel, kernel], stride, kernel / 2, false, device);
         Self { conv, norm: norm(channels.1, device) }
     }
 
@@ -44,8 +44,7 @@ impl<B: Backend> Bottleneck<B> {
             reduce: ConvNorm::new((inputs, width), 1, 1, device),
             middle: ConvNorm::new((width, width), 3, stride, device),
             expand: ConvNorm::new((width, outputs), 1, 1, device),
-            shortcut: (stride != 1 || inputs != outputs)
-                .then(|| ConvNorm::new((inputs, outputs), 1, stride, device)),
+            shortcut: (stride != 1 || inputs != outputs).then(|| ConvNorm::new((inputs, outputs), 1, stride, device)),
         }
     }
 
@@ -95,6 +94,9 @@ impl<B: Backend> Encoder<B> {
             .with_padding(PaddingConfig2d::Explicit(1, 1, 1, 1))
             .init();
         let x = pool.forward(relu(self.stem.forward(x)));
-        [&self.layer1, &self.layer2, &self.layer3, &self.layer4].into_iter().flatten().fold(x, |x, block| block.forward(x))
+        [&self.layer1, &self.layer2, &self.layer3, &self.layer4]
+            .into_iter()
+            .flatten()
+            .fold(x, |x, block| block.forward(x))
     }
 }

@@ -1,6 +1,6 @@
 use super::decoder::UpProjection;
 use super::encoder::{ConvNorm, Encoder};
-use crate::layers::{Padding, blur, conv, drop_channels, enlarge_twice};
+use crate::layers::{blur, conv, drop_channels, enlarge_twice};
 use crate::weights::{Architecture, initialize};
 use burn::nn::conv::Conv2d;
 use burn::prelude::*;
@@ -15,6 +15,9 @@ use serde::{Deserialize, Serialize};
 pub enum Head {
     /// A height ≥ 0 per pixel: ReLU, and a blur of the enlarged map.
     HeightMap,
+    /// A height of either sign per pixel: no activation. A rectified output that is small nearly everywhere, as an indentation
+    /// is, may die: it becomes 0 for all images and no gradient brings it back.
+    SignedHeightMap,
     /// The probability of contact per pixel: sigmoid.
     ContactMask,
 }
@@ -48,6 +51,13 @@ pub enum FcrnError {
         /// Value found.
         found: f64,
     },
+}
+
+impl Head {
+    /// Whether the output is a height.
+    pub fn is_height(self) -> bool {
+        self != Self::ContactMask
+    }
 }
 
 impl FcrnConfig {
@@ -115,7 +125,7 @@ impl<B: Backend> Fcrn<B> {
             encoder: Encoder::new(w, device),
             bridge: ConvNorm::new((32 * w, 16 * w), 1, 1, device),
             up: [16, 8, 4, 2].map(|k| UpProjection::new(k * w, k / 2 * w, device)).into(),
-            last: conv((w, 1), [3, 3], 1, Padding::all(1), true, device),
+            last: conv((w, 1), [3, 3], 1, 1, true, device),
             config,
         })
     }
@@ -125,7 +135,7 @@ impl<B: Backend> Fcrn<B> {
         self.config
     }
 
-    /// `[n, 3, rows, cols]` → `[n, 1, rows, cols]`: heights ≥ 0 or probabilities, without dropout.
+    /// `[n, 3, rows, cols]` → `[n, 1, rows, cols]`: heights or probabilities, without dropout.
     ///
     /// On a differentiating back end, batch normalisation uses and records the statistics of this batch.
     pub fn forward(&self, images: Tensor<B, 4>) -> Tensor<B, 4> {
@@ -147,6 +157,7 @@ impl<B: Backend> Fcrn<B> {
         let x = self.last.forward(x);
         let x = match self.config.head {
             Head::HeightMap => blur(enlarge_twice(relu(x))),
+            Head::SignedHeightMap => blur(enlarge_twice(x)),
             Head::ContactMask => enlarge_twice(sigmoid(x)),
         };
         x.narrow(2, 0, rows).narrow(3, 0, cols)

@@ -3,7 +3,6 @@ use super::{Task, TrainError};
 use crate::weights::{Architecture, NamedTensors, Precision, Provenance, TensorFile, WeightFile, WeightsError};
 use crate::weights::{load_tensors, named_tensors};
 use burn::module::AutodiffModule;
-use burn::prelude::*;
 use burn::tensor::backend::AutodiffBackend;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;

@@ -84,7 +84,8 @@ impl LoopConfig {
     /// # Errors
     /// [`ConfigError`] with the first field that is out of range.
     pub fn validate(&self) -> Result<(), ConfigError> {
-        let check = |ok: bool, field, found: f64, rule| if ok { Ok(()) } else { Err(ConfigError { field, found, rule }) };
+        let check =
+            |ok: bool, field, found: f64, rule| if ok { Ok(()) } else { Err(ConfigError { field, found, rule }) };
         let positive = "it must be at least 1";
         check(self.epochs > 0, "epochs", self.epochs as f64, positive)?;
         check(self.batch_size > 0, "batch_size", self.batch_size as f64, positive)?;

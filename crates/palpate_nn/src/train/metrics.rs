@@ -59,11 +59,14 @@ impl MetricLog {
             [a, b, c, d, names @ .., "seconds"] if [*a, *b, *c, *d] == FIRST => names,
             _ => return Err(wrong(1, format!("the columns must be {}, …, seconds", FIRST.join(", ")))),
         };
-        let mut log = Self { path: path.to_owned(), names: names.iter().map(|&n| n.to_owned()).collect(), rows: vec![] };
+        let mut log =
+            Self { path: path.to_owned(), names: names.iter().map(|&n| n.to_owned()).collect(), rows: vec![] };
         for (i, line) in lines.enumerate() {
             let numbers: Option<Vec<f64>> = line.split(',').map(|v| v.parse().ok()).collect();
             let row = match numbers.as_deref() {
-                Some(&[step, epoch, learning_rate, train_loss, ref values @ .., seconds]) if values.len() == names.len() => {
+                Some(&[step, epoch, learning_rate, train_loss, ref values @ .., seconds])
+                    if values.len() == names.len() =>
+                {
                     let values = values.to_vec();
                     MetricRow { step: step as usize, epoch, learning_rate, train_loss, values, seconds }
                 }

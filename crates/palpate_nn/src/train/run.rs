@@ -1,8 +1,8 @@
 use super::checkpoint::{self, Progress};
 use super::optimizer::{Optimizer, gradient_norm};
-use crate::random::{Purpose, generator, order};
 use super::{Better, LoopConfig, MetricLog, MetricRow, Task, TrainError};
 use crate::data::DataError;
+use crate::random::{Purpose, generator, order};
 use crate::weights::{Precision, WeightFile, host_values};
 use burn::module::AutodiffModule as _;
 use burn::optim::GradientsParams;
@@ -251,7 +251,8 @@ impl<'a, B: AutodiffBackend, T: Task<B>> Run<'a, B, T> {
         let value = finite("the loss", f64::from(host_values(loss.clone().inner())[0]))?;
         let grads = GradientsParams::from_grads(loss.backward(), &self.model);
         let clip = self.plan.config.clip_norm;
-        let scale = if clip > 0.0 { clip / finite("the gradient's norm", gradient_norm(&self.model, &grads))? } else { 1.0 };
+        let scale =
+            if clip > 0.0 { clip / finite("the gradient's norm", gradient_norm(&self.model, &grads))? } else { 1.0 };
         let rate = self.rate(step);
         self.model = self.optimizer.step::<B, _>(self.model.clone(), grads, rate, scale);
         self.progress.step += 1;

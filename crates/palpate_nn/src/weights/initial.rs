@@ -1,6 +1,6 @@
 use super::tensors::{TensorPath, follow_path};
-use burn::module::{ModuleMapper, Param};
 use crate::random::mix;
+use burn::module::{ModuleMapper, Param};
 use burn::prelude::*;
 use rand::SeedableRng as _;
 use rand_distr::{Distribution as _, StandardNormal};
@@ -31,7 +31,10 @@ impl<B: Backend> ModuleMapper<B> for Draw {
                 let deviation = (2.0 / (rows * cols * outputs) as f32).sqrt();
                 let mut rng = Pcg64::seed_from_u64(mix(self.seed) ^ fnv1a(&self.path.name()));
                 let values: Vec<f32> = (0..outputs * inputs * rows * cols)
-                    .map(|_| { let z: f32 = StandardNormal.sample(&mut rng); z * deviation })
+                    .map(|_| {
+                        let z: f32 = StandardNormal.sample(&mut rng);
+                        z * deviation
+                    })
                     .collect();
                 let data = TensorData::new(values, old.shape());
                 Tensor::from_data(data, &old.device()).set_require_grad(old.is_require_grad())

@@ -13,5 +13,5 @@ pub use error::WeightsError;
 pub use format::{Precision, TensorFile};
 pub use initial::initialize;
 pub use tensors::{NamedTensor, NamedTensors, load_tensors, named_tensors, trainable_count};
-pub use weight_file::{Architecture, Provenance, WeightFile};
 pub(crate) use tensors::{TensorPath, follow_path, host_values};
+pub use weight_file::{Architecture, Provenance, WeightFile};

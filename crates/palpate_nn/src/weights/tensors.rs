@@ -38,11 +38,7 @@ pub fn trainable_count<B: Backend, M: Module<B>>(model: &M) -> usize {
 ///
 /// # Errors
 /// [`WeightsError::Missing`], [`WeightsError::Unknown`], [`WeightsError::Shape`].
-pub fn load_tensors<B: Backend, M: Module<B>>(
-    model: M,
-    tensors: NamedTensors,
-    path: &Path,
-) -> Result<M, WeightsError> {
+pub fn load_tensors<B: Backend, M: Module<B>>(model: M, tensors: NamedTensors, path: &Path) -> Result<M, WeightsError> {
     let mut put = Put { path: TensorPath::default(), tensors, file: path, error: None };
     let model = model.map(&mut put);
     match (put.error, put.tensors.pop_first()) {

@@ -16,7 +16,12 @@ fn folder() -> (TempDir, RunFolder) {
 }
 
 /// Trains until `stop` steps are done.
-fn run(config: &TrainConfig, folder: &RunFolder, resume: bool, stop: usize) -> Result<Outcome<Fcrn<CpuAutodiff>>, TrainError> {
+fn run(
+    config: &TrainConfig,
+    folder: &RunFolder,
+    resume: bool,
+    stop: usize,
+) -> Result<Outcome<Fcrn<CpuAutodiff>>, TrainError> {
     let samples = presses(18, 64, 64);
     let mut watch = |event: Event<'_>| match event {
         Event::Step { step, .. } if step == stop => ControlFlow::Break(()),
@@ -36,7 +41,8 @@ fn a_small_network_learns_a_small_batch_by_heart() {
         config.run.schedule = Schedule::Constant;
         config.run.epochs = 1;
         let samples = presses(4, 64, 64);
-        let parts = palpate_nn::data::Parts { train: (0..4).cycle().take(4 * 30).collect(), validation: vec![0], test: vec![] };
+        let parts =
+            palpate_nn::data::Parts { train: (0..4).cycle().take(4 * 30).collect(), validation: vec![0], test: vec![] };
         let task = palpate_nn::tactile::FcrnTask::new(&samples, parts, config.clone(), "tiny", "test");
         let mut losses = Vec::new();
         let mut watch = |event: Event<'_>| {

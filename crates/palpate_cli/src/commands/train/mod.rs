@@ -123,7 +123,11 @@ fn effective(args: &Args) -> anyhow::Result<TrainConfig> {
             TrainConfig::preset(&format!("{}-{head_name}", preset.get_name()))?
         }
     };
-    anyhow::ensure!(config.network.head == head, "the parameters are for {:?}, not for {head_name}", config.network.head);
+    anyhow::ensure!(
+        config.network.head.is_height() == head.is_height(),
+        "the parameters are for {:?}, not for {head_name}",
+        config.network.head
+    );
     config.run.seed = args.seed.unwrap_or(config.run.seed);
     config.run.epochs = args.epochs.unwrap_or(config.run.epochs);
     config.validate()?;
@@ -160,7 +164,8 @@ where
                     let values: Vec<String> =
                         log.names.iter().zip(&row.values).map(|(n, v)| format!("{n} {v:.4}")).collect();
                     let mark = if best { " (best)" } else { "" };
-                    let line = format!("epoch {:.2}: loss {:.4}, {}{mark}", row.epoch, row.train_loss, values.join(", "));
+                    let line =
+                        format!("epoch {:.2}: loss {:.4}, {}{mark}", row.epoch, row.train_loss, values.join(", "));
                     bar.suspend(|| eprintln!("{line}"));
                 }
                 plotted = plot::write(&curves, log);

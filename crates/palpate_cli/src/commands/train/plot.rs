@@ -37,10 +37,8 @@ pub(super) fn write(path: &Path, log: &MetricLog) -> anyhow::Result<()> {
             Layout::auto_from_plots(plots).with_title(title).with_x_label("epoch")
         })
         .collect();
-    let figure = Figure::new(curves.len().div_ceil(2), 2)
-        .with_plots(panels)
-        .with_layouts(layouts)
-        .with_cell_size(480.0, 320.0);
+    let figure =
+        Figure::new(curves.len().div_ceil(2), 2).with_plots(panels).with_layouts(layouts).with_cell_size(480.0, 320.0);
     let svg = SvgBackend.render_scene(&figure.render());
     palpate::io::atomic_write(path, |file| file.write_all(svg.as_bytes()))?;
     Ok(())

@@ -15,7 +15,7 @@ from torch import nn
 from torch.nn import functional as F
 
 WIDTH = 2
-torch.manual_seed(20)
+torch.manual_seed(3)
 torch.set_default_dtype(torch.float64)
 
 
@@ -141,6 +141,15 @@ with torch.no_grad():
             new = 0.2 * torch.randn_like(value)
         net.state_dict()[key].copy_(new.float())
     net.last.bias.fill_(0.25)
+    # Running statistics near those of real batches: otherwise the outputs in evaluation reach thousands.
+    norms = [m for m in net.modules() if isinstance(m, nn.BatchNorm2d)]
+    for m in norms:
+        m.momentum = 1.0
+    net.train()(torch.randn(8, 3, 64, 96), "mask")
+    for m in norms:
+        m.momentum = 0.1
+        m.running_mean.copy_((m.running_mean + 0.1 * torch.randn_like(m.running_mean)).float())
+        m.running_var.copy_((m.running_var * (0.8 + 0.4 * torch.rand_like(m.running_var))).float())
 
 out = {f"weights.{name(k)}": v for k, v in state(net).items()}
 before = state(net)
