@@ -12,7 +12,7 @@ mod touches;
 mod ycb_sight;
 
 pub use camera::{CameraParams, look_at};
-pub use presses::{
+pub use presses::{Disturbance, 
     LightParams, PressRecord, PressSample, PressSampler, PressSetParams, Primitive, simulated_lookup_table,
 };
 pub use scene::{SimulateError, SimulateParams, SimulatedScene, place, simulate_scene};

@@ -10,7 +10,7 @@ use std::path::PathBuf;
 #[derive(clap::Args)]
 #[command(after_help = "Examples:
   palpate presses ycb/*.ply --count 12000 --output presses
-  palpate presses ycb/004_sugar_box.ply --count 200 --depth 1.0 --primitives 0 --clean --output test
+  palpate presses ycb/004_sugar_box.ply --count 200 --depth 1.0 --primitives 0 --light clean --output test
   palpate presses ycb/*.ply --count 100000 --output presses --shard 3/16     # one of sixteen jobs of a cluster
 
 Run the same command again to go on where it was interrupted. The layout is plain npy: docs/tactile.md.")]
@@ -42,12 +42,22 @@ pub(crate) struct Args {
     /// Width of the images kept, pixels: a whole part of the sensor's
     #[arg(long, value_name = "PX")]
     width: Option<usize>,
-    /// Constant light, no noise, JPEG quality 95, as in YCB-Sight; otherwise gain, offset, drift, noise and quality are drawn
-    #[arg(long)]
-    clean: bool,
+    /// What befalls the images
+    #[arg(long, value_enum, default_value_t = Light::Camera)]
+    light: Light,
     /// Seed of everything random
     #[arg(long, default_value_t = 0, value_name = "N")]
     seed: u64,
+}
+
+#[derive(Clone, Copy, clap::ValueEnum)]
+enum Light {
+    /// JPEG of quality 95 and nothing else, as in YCB-Sight
+    Clean,
+    /// Noise of σ up to 4 grey levels, JPEG of quality 70 to 97
+    Camera,
+    /// The same, and gain, offset and a smooth drift of the light since the no-contact image
+    Varied,
 }
 
 /// `I/N` with 1 ≤ I ≤ N, as (I − 1, N).
@@ -83,7 +93,11 @@ pub(crate) fn run(args: Args) -> anyhow::Result<Outcome> {
         width,
         depth: (args.depth.0 * 1e-3, args.depth.1 * 1e-3),
         primitives: args.primitives,
-        light: if args.clean { LightParams::clean() } else { defaults.light },
+        light: match args.light {
+            Light::Clean => LightParams::clean(),
+            Light::Camera => LightParams::camera(),
+            Light::Varied => LightParams::default(),
+        },
         ..defaults
     };
     let sampler = PressSampler::new(objects, params.clone())?;

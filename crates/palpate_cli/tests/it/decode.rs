@@ -176,7 +176,8 @@ fn the_tactile_benchmark_reads_a_folder_of_objects_and_goes_on() {
             "3",
             "--width",
             "64",
-            "--clean",
+            "--light",
+            "clean",
             "--depth",
             "1.0",
         ]

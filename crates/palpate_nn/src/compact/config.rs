@@ -31,9 +31,9 @@ impl CompactConfig {
             patience: 0,
         };
         Self {
-            augment: LightAugment { gain: 0.02, offset: 2.0 },
-            gradient: part(3, 16, 4e-3, 100, 500),
-            level: part(4, 16, 3e-3, 150, 500),
+            augment: LightAugment { share: 0.5, gain: 0.03, offset: 2.0, drift: 1.5 },
+            gradient: part(4, 16, 4e-3, 100, 500),
+            level: part(5, 16, 3e-3, 150, 400),
             mask: part(1, 8, 4e-3, 50, 400),
         }
     }
@@ -43,7 +43,13 @@ impl CompactConfig {
     /// # Errors
     /// [`ConfigError`] with the first field that is out of range.
     pub fn validate(&self) -> Result<(), ConfigError> {
-        for (field, found) in [("augment.gain", self.augment.gain), ("augment.offset", self.augment.offset)] {
+        let augment = self.augment;
+        if !(0.0..=1.0).contains(&augment.share) {
+            return Err(ConfigError { field: "augment.share", found: augment.share, rule: "it must lie in [0, 1]" });
+        }
+        for (field, found) in
+            [("augment.gain", augment.gain), ("augment.offset", augment.offset), ("augment.drift", augment.drift)]
+        {
             if !(0.0..100.0).contains(&found) {
                 return Err(ConfigError { field, found, rule: "it must lie in [0, 100)" });
             }

@@ -30,8 +30,10 @@ pub struct Crops {
 
 impl GradientTask<'_> {
     /// Input, truth and weight planes of a press.
-    fn planes(&self, index: usize, rng: Option<&mut Pcg64>) -> Result<[Planes; 3], DataError> {
-        let press = self.0.load(index, rng)?;
+    /// The light is not varied: a local map cannot tell a changed lamp from a slope and would learn to doubt every slope. What a
+    /// changed lamp does to the integral is for the level network to undo.
+    fn planes(&self, index: usize) -> Result<[Planes; 3], DataError> {
+        let press = self.0.load(index, None)?;
         let truth = press.steps().map(|s| s.map(|v| v * STEP_SCALE));
         // Contact counts twice: it is what is fused.
         let weight = press.mask.map(|&m| [if m { 2.0 } else { 1.0 }]);
@@ -65,7 +67,7 @@ impl<B: AutodiffBackend> Task<B> for GradientTask<'_> {
 
     fn batch(&self, indices: &[usize], rng: &mut Pcg64) -> Result<Crops, DataError> {
         let loaded = self.0.for_each(indices, rng, |index, mut rng| {
-            let [input, truth, weight] = self.planes(index, Some(&mut rng))?;
+            let [input, truth, weight] = self.planes(index)?;
             let [_, rows, cols] = input.shape();
             let (r, c) = (rng.random_range(0..=rows - CROP), rng.random_range(0..=cols - CROP));
             let cut = |p: &Planes, ring: usize| p.crop(r + ring, c + ring, CROP - 2 * ring, CROP - 2 * ring);
@@ -110,7 +112,7 @@ impl<B: AutodiffBackend> Task<B> for GradientTask<'_> {
     ) -> Result<Vec<f64>, DataError> {
         let mut sums = [0.0f64; 4];
         for &index in self.0.validation(Stage::Gradient) {
-            let [input, truth, weight] = self.planes(index, None)?;
+            let [input, truth, weight] = self.planes(index)?;
             let [_, rows, cols] = input.shape();
             let values = TensorData::new(input.as_slice().to_vec(), [1, INPUTS, rows, cols]);
             let out = host_values(model.forward(Tensor::from_data(values, device)));

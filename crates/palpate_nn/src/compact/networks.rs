@@ -1,6 +1,6 @@
 //! The three trained parts, layer by layer as in `palpate::tactile::compact`.
 
-use crate::layers::{Padding, conv, norm};
+use crate::layers::{conv, norm};
 use crate::weights::initialize;
 use burn::module::Module;
 use burn::nn::BatchNorm;
@@ -19,7 +19,7 @@ impl<B: Backend> LocalNetwork<B> {
     /// * `layers` – kernel size, inputs and outputs of each
     pub fn new(layers: &[(usize, usize, usize)], seed: u64, device: &B::Device) -> Self {
         let layer = |&(size, inputs, outputs): &(usize, usize, usize)| {
-            conv((inputs, outputs), [size, size], 1, Padding::all(size / 2), true, device)
+            conv((inputs, outputs), [size, size], 1, size / 2, true, device)
         };
         initialize(Self { layers: layers.iter().map(layer).collect() }, seed)
     }
@@ -43,7 +43,7 @@ struct Normed<B: Backend> {
 
 impl<B: Backend> Normed<B> {
     fn new(size: usize, stride: usize, inputs: usize, outputs: usize, device: &B::Device) -> Self {
-        let conv = conv((inputs, outputs), [size, size], stride, Padding::all(size / 2), false, device);
+        let conv = conv((inputs, outputs), [size, size], stride, size / 2, false, device);
         Self { conv, norm: norm(outputs, device) }
     }
 
@@ -70,14 +70,14 @@ impl<B: Backend> LevelModule<B> {
         let w = LEVEL_WIDTHS;
         let enter = |i: usize| Normed::new(3, 2, if i == 0 { LEVEL_INPUTS } else { w[i - 1] }, w[i], device);
         let pair = |i: usize| (0..2).map(|_| Normed::new(3, 1, w[i], w[i], device)).collect();
-        let dense = || conv((w[2], w[2]), [1, 1], 1, Padding::all(0), true, device);
+        let dense = || conv((w[2], w[2]), [1, 1], 1, 0, true, device);
         let network = Self {
             enter: (0..3).map(enter).collect(),
             block: (0..3).map(|i| (0..LEVEL_BLOCKS[i]).map(|_| pair(i)).collect()).collect(),
             global: vec![dense(), dense()],
             narrow: (0..2).map(|i| Normed::new(1, 1, w[i + 1], w[i], device)).collect(),
             mix: (0..2).map(|i| Normed::new(3, 1, w[i], w[i], device)).collect(),
-            head: conv((w[0], 4), [3, 3], 1, Padding::all(1), true, device),
+            head: conv((w[0], 4), [3, 3], 1, 1, true, device),
         };
         initialize(network, seed)
     }

@@ -22,6 +22,11 @@ pub struct LightParams {
 }
 
 impl LightParams {
+    /// The camera's noise and JPEG, but light that stays: for training, where the light is varied on the fly.
+    pub fn camera() -> Self {
+        Self { gain: 0.0, offset: 0.0, drift: 0.0, ..Self::default() }
+    }
+
     /// Nothing but JPEG at quality 95, as in YCB-Sight.
     pub fn clean() -> Self {
         Self { gain: 0.0, offset: 0.0, drift: 0.0, noise: 0.0, jpeg: (95, 95) }
@@ -83,7 +88,8 @@ impl Default for LightParams {
     }
 }
 
-fn bilinear(knots: &[[f64; 4]; 3], v: f64, u: f64) -> f64 {
+/// Value between the knots, v from 0 to 2 and u from 0 to 3.
+pub(super) fn bilinear(knots: &[[f64; 4]; 3], v: f64, u: f64) -> f64 {
     let (r, c) = ((v as usize).min(1), (u as usize).min(2));
     let (fv, fu) = (v - r as f64, u - c as f64);
     let line = |r: usize| knots[r][c] * (1.0 - fu) + knots[r][c + 1] * fu;
@@ -91,7 +97,7 @@ fn bilinear(knots: &[[f64; 4]; 3], v: f64, u: f64) -> f64 {
 }
 
 /// The image after a JPEG file of this quality, 1 to 100.
-pub(crate) fn through_jpeg(image: &Raster<[u8; 3]>, quality: u8) -> Raster<[u8; 3]> {
+pub(super) fn through_jpeg(image: &Raster<[u8; 3]>, quality: u8) -> Raster<[u8; 3]> {
     let (rows, cols) = image.shape();
     let mut file = Vec::new();
     let bytes = image.as_slice().as_flattened();

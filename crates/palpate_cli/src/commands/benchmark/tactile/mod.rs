@@ -11,6 +11,7 @@ use crate::progress::LateBar;
 use anyhow::bail;
 use dataset::{Dataset, Press};
 use palpate::metrics::compare_contacts;
+use palpate::simulate::Disturbance;
 use palpate::tactile::{NoContact, TactileDecoder};
 use rayon::prelude::*;
 use results::{Key, ResultsFile, Row};
@@ -22,7 +23,7 @@ use std::time::Instant;
 
 #[derive(clap::Args)]
 #[command(after_help = "Examples:
-  palpate presses ycb/*.ply --count 600 --depth 1.0 --primitives 0 --clean --seed 7 --output presses
+  palpate presses ycb/*.ply --count 600 --depth 1.0 --primitives 0 --light clean --seed 7 --output presses
   palpate benchmark tactile presses --split config/splits/held-out.toml --output tactile
   palpate benchmark tactile presses --decoders lookup,threshold --lookup-table DIR --output baselines
   palpate benchmark tactile presses --shard 2/8 --output tactile     # one of eight jobs; without --shard the rows are merged
@@ -51,12 +52,22 @@ pub(crate) struct Args {
     /// Only objects whose name holds one of these
     #[arg(long, value_delimiter = ',', value_name = "NAME,…")]
     objects: Vec<String>,
+    /// Disturb every image after the no-contact image was taken: gain-0.8, gain-1.2, gain-1.05, offset-10, offset-red-10,
+    /// noise-5, jpeg-80, drift-3, drift-6 (grey levels)
+    #[arg(long, value_name = "NAME", value_parser = disturbance)]
+    disturb: Option<(String, Disturbance)>,
     /// At most so many images of an object, spread over those there are
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     limit: Option<u32>,
     /// Decode the images whose number leaves the rest i−1 when divided by n, into a file of its own
     #[arg(long, value_name = "I/N", value_parser = crate::commands::presses::shard)]
     shard: Option<(usize, usize)>,
+}
+
+fn disturbance(name: &str) -> Result<(String, Disturbance), String> {
+    let known = || Disturbance::BENCHMARK.map(|(name, _)| name).join(", ");
+    let found = Disturbance::named(name).ok_or_else(|| format!("known: {}", known()))?;
+    Ok((name.to_owned(), found))
 }
 
 pub(crate) fn run(args: Args) -> anyhow::Result<Outcome> {
@@ -88,7 +99,7 @@ pub(crate) fn run(args: Args) -> anyhow::Result<Outcome> {
     let bar = LateBar::new(Some(todo.len()), "images");
     let results = Mutex::new(results);
     todo.par_iter().try_for_each(|(press, open)| {
-        let rows = decode_press(&dataset, press, open.iter().map(|&t| &tools[t]));
+        let rows = decode_press(&dataset, press, args.disturb.as_ref(), open.iter().map(|&t| &tools[t]));
         bar.step();
         let mut results = results.lock().map_err(|_| anyhow::anyhow!("another worker failed"))?;
         rows.into_iter().try_for_each(|row| results.push(row))
@@ -152,9 +163,13 @@ fn label(kind: DecoderKind, files: &DecoderFiles) -> String {
 fn decode_press<'a>(
     dataset: &Dataset,
     press: &Press,
+    disturb: Option<&(String, Disturbance)>,
     tools: impl Iterator<Item = &'a (String, DecoderKind, Box<dyn TactileDecoder>)>,
 ) -> Vec<Row> {
-    let loaded = dataset.load(press);
+    let loaded = dataset.load(press).map(|(image, truth)| match disturb {
+        Some((_, disturbance)) => (disturbance.apply(&image, &format!("{}/{}", press.object, press.name), 0), truth),
+        None => (image, truth),
+    });
     tools
         .map(|(label, kind, decoder)| {
             let judge = || -> Result<Row, String> {
@@ -175,11 +190,12 @@ fn conditions(args: &Args, dataset: &Dataset, split: Option<&Split>, images: usi
     let name = |path: &PathBuf| path.file_name().unwrap_or_default().to_string_lossy().into_owned();
     let split = split.map_or_else(|| "no split".to_owned(), |s| format!("split {} ({})", s.name, args.part.name()));
     format!(
-        "palpate {} benchmark tactile, data set {} (sensor {}), {images} images, {split}, background {}",
+        "palpate {} benchmark tactile, data set {} (sensor {}), {images} images, {split}, background {}{}",
         env!("CARGO_PKG_VERSION"),
         name(&args.dataset),
         dataset.sensor.model,
-        args.background.as_ref().map_or_else(|| "the data set's".to_owned(), name)
+        args.background.as_ref().map_or_else(|| "the data set's".to_owned(), name),
+        args.disturb.as_ref().map_or_else(String::new, |(name, _)| format!(", images disturbed by {name}"))
     )
 }
 
