@@ -203,7 +203,10 @@ impl NpyRows {
         let length = file.metadata().map_err(failed)?.len();
         let needed = (axes[0] as u64).checked_mul(each as u64).and_then(|n| n.checked_add(begin));
         if needed.is_none_or(|needed| length < needed) {
-            return Err(malformed(format!("it is cut short: {length} bytes, {} entries of {each} bytes are claimed", axes[0])));
+            return Err(malformed(format!(
+                "it is cut short: {length} bytes, {} entries of {each} bytes are claimed",
+                axes[0]
+            )));
         }
         Ok(Self { path: path.to_owned(), file, begin, each, entries: axes[0] })
     }

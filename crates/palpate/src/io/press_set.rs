@@ -9,7 +9,7 @@
 //! DIR/00000_masks.npy         bool    [presses, rows, cols]      contact
 //! ```
 
-use super::npy::{write_array, NpyRows};
+use super::npy::{NpyRows, write_array};
 use super::{IoError, read_color, read_text, write_color, write_text};
 use crate::geometry::Raster;
 use crate::simulate::{PressRecord, PressSample, PressSetParams};
@@ -49,11 +49,7 @@ impl PressSetHeader {
 ///
 /// # Errors
 /// [`IoError::Content`] if another set lies there; else as [`write_text`].
-pub fn begin_press_set(
-    folder: &Path,
-    header: &PressSetHeader,
-    background: &Raster<[u8; 3]>,
-) -> Result<(), IoError> {
+pub fn begin_press_set(folder: &Path, header: &PressSetHeader, background: &Raster<[u8; 3]>) -> Result<(), IoError> {
     super::create_folder(folder)?;
     let path = folder.join("set.json");
     if path.exists() {
@@ -77,11 +73,7 @@ pub fn has_press_shard(folder: &Path, shard: usize) -> bool {
 ///
 /// # Errors
 /// As [`super::atomic_write`].
-pub fn write_press_shard(
-    folder: &Path,
-    shard: usize,
-    presses: &[(PressRecord, PressSample)],
-) -> Result<(), IoError> {
+pub fn write_press_shard(folder: &Path, shard: usize, presses: &[(PressRecord, PressSample)]) -> Result<(), IoError> {
     let (rows, cols) = presses.first().map_or((0, 0), |(_, s)| s.image.shape());
     let n = presses.len();
     let images = presses.iter().flat_map(|(_, s)| s.image.as_slice().iter().copied());
@@ -194,8 +186,10 @@ fn shard_file(folder: &Path, shard: usize, suffix: &str) -> PathBuf {
 fn read_header(path: &Path) -> Result<PressSetHeader, IoError> {
     let header: PressSetHeader = from_json(path)?;
     if header.format != 1 || header.shard_size == 0 {
-        let reason =
-            format!("format {} with shards of {}; format 1 and shards of at least 1 press are read", header.format, header.shard_size);
+        let reason = format!(
+            "format {} with shards of {}; format 1 and shards of at least 1 press are read",
+            header.format, header.shard_size
+        );
         return Err(IoError::content(path, reason));
     }
     Ok(header)

@@ -36,8 +36,7 @@ impl LightParams {
             if ok { Ok(()) } else { Err(SimulateError::Params { field, found, needed }) }
         };
         check("light.gain", self.gain, (0.0..1.0).contains(&self.gain), "in [0, 1)")?;
-        for (field, value) in
-            [("light.offset", self.offset), ("light.drift", self.drift), ("light.noise", self.noise)]
+        for (field, value) in [("light.offset", self.offset), ("light.drift", self.drift), ("light.noise", self.noise)]
         {
             check(field, value, (0.0..=128.0).contains(&value), "in [0, 128] grey levels")?;
         }

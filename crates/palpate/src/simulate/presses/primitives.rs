@@ -20,21 +20,39 @@ pub struct Primitive {
 /// z grows away from the pad; every shape has its highest point at z = 0 over the origin. Lengths in metres.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Shape {
-    Ellipsoid { radii: (f64, f64, f64) },
-    Cylinder { radius: f64 },
+    Ellipsoid {
+        radii: (f64, f64, f64),
+    },
+    Cylinder {
+        radius: f64,
+    },
     /// A ridge: two planes that meet in the y axis, falling by these tangents.
-    Wedge { left: f64, right: f64 },
+    Wedge {
+        left: f64,
+        right: f64,
+    },
     /// Three planes that meet in a point.
-    Corner { slopes: [f64; 3] },
+    Corner {
+        slopes: [f64; 3],
+    },
     /// A flat face that ends at x = edge; beyond it nothing.
-    HalfPlane { edge: f64 },
+    HalfPlane {
+        edge: f64,
+    },
     /// A flat rectangle with these half sides.
-    Rectangle { half: (f64, f64) },
+    Rectangle {
+        half: (f64, f64),
+    },
     Plane,
     /// A flat disc, as the end of a pin.
-    Disc { radius: f64 },
+    Disc {
+        radius: f64,
+    },
     /// The rim of a tube.
-    Ring { radius: f64, thickness: f64 },
+    Ring {
+        radius: f64,
+        thickness: f64,
+    },
 }
 
 impl Primitive {

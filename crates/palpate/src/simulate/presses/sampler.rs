@@ -186,10 +186,7 @@ impl PressSampler {
     fn shrink_contact(&self, contact: &Contact) -> Contact {
         let (rows, cols) = self.shape();
         let share = resample::resize(&contact.mask.map(|&m| f32::from(u8::from(m))), rows, cols);
-        Contact {
-            height_map: resample::resize(&contact.height_map, rows, cols),
-            mask: share.map(|&s| s >= 0.5),
-        }
+        Contact { height_map: resample::resize(&contact.height_map, rows, cols), mask: share.map(|&s| s >= 0.5) }
     }
 }
 

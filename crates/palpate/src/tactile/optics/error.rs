@@ -8,13 +8,17 @@ pub enum OpticsError {
     #[error(transparent)]
     Sensor(#[from] SensorError),
     /// There is no photometric table for this sensor.
-    #[error("no photometric table is known for the sensor '{model}'; presets with one: ycb-sight, gelsight-r15, gelsight-mini, digit")]
+    #[error(
+        "no photometric table is known for the sensor '{model}'; presets with one: ycb-sight, gelsight-r15, gelsight-mini, digit"
+    )]
     NoTable {
         /// Model of the sensor.
         model: String,
     },
     /// A photometric table has the wrong number of coefficients.
-    #[error("the photometric table has {found} coefficients; {bins} × {bins} bins of 3 channels with 6 terms need {needed}")]
+    #[error(
+        "the photometric table has {found} coefficients; {bins} × {bins} bins of 3 channels with 6 terms need {needed}"
+    )]
     TableSize {
         /// Coefficients found.
         found: usize,

@@ -43,7 +43,6 @@ pub(super) fn background(model: &str) -> Raster<[u8; 3]> {
 fn load((bins, width, file): Asset) -> PhotometricTable {
     let needed = bins * bins * 18;
     let data = &file[file.len() - 2 * needed..];
-    let values: Vec<f32> =
-        data.chunks_exact(2).map(|b| half::f16::from_le_bytes([b[0], b[1]]).to_f32()).collect();
+    let values: Vec<f32> = data.chunks_exact(2).map(|b| half::f16::from_le_bytes([b[0], b[1]]).to_f32()).collect();
     PhotometricTable::new(bins, width, &values).expect("the asset is a complete table")
 }

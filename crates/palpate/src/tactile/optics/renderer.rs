@@ -1,8 +1,8 @@
 use super::{OpticsError, PhotometricTable, presets};
 use crate::geometry::Raster;
+use crate::tactile::TactileSensor;
 use crate::tactile::gaussian::{blur, kernel};
 use crate::tactile::resample::resize;
-use crate::tactile::TactileSensor;
 
 /// Renders what a fingertip's camera sees of its gel.
 ///
