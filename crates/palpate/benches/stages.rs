@@ -6,7 +6,13 @@ use palpate::camera::{
 };
 use palpate::geometry::{Isometry, PlaneRansac, Point, Raster, Vector};
 use palpate::pipeline::{ReconstructParams, Stages, reconstruct};
-use palpate::simulate::{SimulateParams, Solid, simulate_scene};
+use palpate::simulate::{Primitive, SimulateParams, Solid, simulate_scene};
+use palpate::tactile::compact::CompactDecoder;
+use palpate::tactile::optics::TactileOptics;
+use palpate::tactile::{
+    Integrator, NoContact, PressParams, TactileDecoder as _, TactileSensor, ThresholdDecoder, average_blocks,
+    press_surface,
+};
 use rand::SeedableRng as _;
 use rand_distr::{Distribution as _, Normal};
 use rand_pcg::Pcg64Mcg;
@@ -61,6 +67,42 @@ fn see(criterion: &mut Criterion) {
     });
 }
 
+/// A ball of 8 mm pressed 1 mm deep: simulated, rendered and decoded, on one core as a robot's control computer would.
+fn feel(criterion: &mut Criterion) {
+    let one = rayon::ThreadPoolBuilder::new().num_threads(1).build().expect("a pool of one");
+    let sensor = TactileSensor::preset("ycb-sight").expect("listed");
+    let optics = TactileOptics::preset(&sensor).expect("has a table");
+    let ball = Primitive::ball(8e-3, (1e-3, -5e-4)).surface(&sensor, sensor.height, sensor.width);
+    let press = || press_surface(&ball, &Isometry::identity(), &sensor, &PressParams::default()).expect("contact");
+    let contact = press().contact;
+    let image = optics.render(&contact.height_map).expect("the sensor's size");
+    let half = |image: &Raster<[u8; 3]>| average_blocks(&image.map(|p| p.map(f32::from)), 2).map(|p| p.map(|v| v as u8));
+    let (small, rest) = (half(&image), half(&optics.no_contact()));
+    let no_contact = NoContact::new(rest.clone(), &sensor).expect("sound");
+    let decoder = CompactDecoder::shipped(no_contact.clone());
+    let threshold = ThresholdDecoder::new(no_contact);
+    let difference = Raster::from_fn(240, 320, |r, c| {
+        let (a, b) = (small[(r, c)], rest[(r, c)]);
+        [0, 1, 2].map(|k| f32::from(a[k]) - f32::from(b[k]))
+    });
+    let integrator = Integrator::new(240, 320);
+    let mut group = criterion.benchmark_group("feel, one core");
+    let mut bench = |name: &str, work: &mut dyn FnMut()| {
+        group.bench_function(name, |b| b.iter(&mut *work));
+    };
+    one.install(|| {
+        bench("press a surface, 640x480", &mut || drop(black_box(press())));
+        bench("render, 640x480", &mut || drop(black_box(optics.render(black_box(&contact.height_map)))));
+        bench("render with shadows, 640x480", &mut || drop(black_box(optics.render_with_shadows(black_box(&contact)))));
+        bench("compact, 320x240", &mut || drop(black_box(decoder.decode(black_box(&small), &sensor))));
+        bench("gradient map and integration alone, 320x240", &mut || {
+            drop(black_box(integrator.integrate_steps(&decoder.model().gradient.run(black_box(&difference)))));
+        });
+        bench("threshold, 320x240", &mut || drop(black_box(threshold.decode(black_box(&small), &sensor))));
+    });
+    group.finish();
+}
+
 /// The whole of `fused` at the defaults with 20 touches at 640×480; the stage breakdown goes to standard error.
 fn main_job(criterion: &mut Criterion) {
     let solid = Solid::named("tabbed-box").expect("a known solid").mesh(1e-4, 5e-3);
@@ -84,5 +126,5 @@ fn main_job(criterion: &mut Criterion) {
     group.finish();
 }
 
-criterion_group!(stages, see, main_job);
+criterion_group!(stages, see, feel, main_job);
 criterion_main!(stages);

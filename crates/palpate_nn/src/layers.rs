@@ -98,10 +98,10 @@ pub(crate) fn drop_channels<B: Backend>(image: Tensor<B, 4>, probability: f64, r
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::Cpu;
+    use crate::{Cpu, CpuDevice};
 
     fn image(values: Vec<f32>, rows: usize, cols: usize) -> Tensor<Cpu, 4> {
-        Tensor::from_data(TensorData::new(values, [1, 1, rows, cols]), &Default::default())
+        Tensor::from_data(TensorData::new(values, [1, 1, rows, cols]), &CpuDevice)
     }
 
     fn values(image: Tensor<Cpu, 4>) -> Vec<f32> {
@@ -133,7 +133,7 @@ mod tests {
     #[test]
     fn dropped_channels_are_whole_and_the_mean_is_kept() {
         use rand::SeedableRng as _;
-        let ones = Tensor::<Cpu, 4>::ones([4, 64, 2, 2], &Default::default());
+        let ones = Tensor::<Cpu, 4>::ones([4, 64, 2, 2], &CpuDevice);
         let dropped = values(drop_channels(ones, 0.5, &mut Pcg64::seed_from_u64(1)));
         assert!(dropped.chunks(4).all(|c| c.iter().all(|&v| v == c[0] && (v == 0.0 || v == 2.0))));
         let mean = dropped.iter().sum::<f32>() / dropped.len() as f32;

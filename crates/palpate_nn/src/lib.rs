@@ -24,6 +24,9 @@ mod random;
 /// The CPU back end: vectorised and threaded, pure Rust.
 pub type Cpu = burn::backend::Flex;
 
+/// The one device of [`Cpu`].
+pub use burn_flex::FlexDevice as CpuDevice;
+
 /// [`Cpu`] with reverse-mode differentiation.
 pub type CpuAutodiff = burn::backend::Autodiff<Cpu>;
 

@@ -24,10 +24,14 @@ impl Augment {
         for channel in channels.chunks_mut(pixels.max(1)) {
             let gain = (1.0 + spread(self.gain, rng)) as f32;
             let offset = spread(self.offset, rng) as f32;
-            channel.iter_mut().for_each(|v| *v = *v * gain + offset);
+            for value in channel {
+                *value = *value * gain + offset;
+            }
         }
         if let (true, Ok(noise)) = (self.noise > 0.0, Normal::new(0.0, self.noise as f32)) {
-            channels.iter_mut().for_each(|v| *v += noise.sample(rng));
+            for value in channels {
+                *value += noise.sample(rng);
+            }
         }
     }
 }

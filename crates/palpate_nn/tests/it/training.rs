@@ -5,7 +5,7 @@ use palpate_nn::data::Augment;
 use palpate_nn::fcrn::Fcrn;
 use palpate_nn::train::{Ended, Event, MetricLog, Outcome, RunFolder, Schedule, TrainError, train};
 use palpate_nn::weights::{Precision, TensorFile, WeightFile, named_tensors};
-use palpate_nn::{Cpu, CpuAutodiff};
+use palpate_nn::{Cpu, CpuAutodiff, CpuDevice};
 use std::ops::ControlFlow;
 use tempfile::TempDir;
 
@@ -28,7 +28,7 @@ fn run(
         _ => ControlFlow::Continue(()),
     };
     let task = task(&samples, config.clone());
-    train::<CpuAutodiff, _>(&task, &config.run, folder, resume, &Default::default(), &mut watch)
+    train::<CpuAutodiff, _>(&task, &config.run, folder, resume, &CpuDevice, &mut watch)
 }
 
 #[test]
@@ -52,7 +52,7 @@ fn a_small_network_learns_a_small_batch_by_heart() {
             ControlFlow::Continue(())
         };
         let (_guard, folder) = folder();
-        train::<CpuAutodiff, _>(&task, &config.run, &folder, false, &Default::default(), &mut watch).expect("trained");
+        train::<CpuAutodiff, _>(&task, &config.run, &folder, false, &CpuDevice, &mut watch).expect("trained");
         let (first, last) = (losses[0], losses[25..].iter().sum::<f64>() / 5.0);
         assert!(last < 0.5 * first, "{preset}: {first} → {last}: {losses:?}");
     }
@@ -123,7 +123,7 @@ fn patience_ends_a_run_that_does_not_improve_and_the_best_weights_can_be_used() 
     let file = WeightFile::open(&folder.best()).expect("kept");
     assert_eq!((file.provenance.sensor.as_str(), file.provenance.input), ("ycb-sight", (64, 64)));
     let shape = file.config("fcrn", 1).expect("an FCRN");
-    let model = Fcrn::<Cpu>::zeros(shape, &Default::default()).expect("valid");
+    let model = Fcrn::<Cpu>::zeros(shape, &CpuDevice).expect("valid");
     file.load_into(model, &shape.architecture()).expect("fits");
 }
 

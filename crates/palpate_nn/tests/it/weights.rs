@@ -1,6 +1,6 @@
-use palpate_nn::Cpu;
 use palpate_nn::fcrn::{Fcrn, FcrnConfig, Head};
 use palpate_nn::weights::{Architecture, Precision, Provenance, WeightFile, WeightsError, named_tensors};
+use palpate_nn::{Cpu, CpuDevice};
 use std::path::PathBuf;
 
 const SHAPE: FcrnConfig = FcrnConfig { width: 1, head: Head::HeightMap, dropout: 0.0 };
@@ -8,14 +8,14 @@ const SHAPE: FcrnConfig = FcrnConfig { width: 1, head: Head::HeightMap, dropout:
 fn saved(precision: Precision) -> (tempfile::TempDir, PathBuf, Fcrn<Cpu>) {
     let folder = tempfile::tempdir().expect("temporary folder");
     let path = folder.path().join("weights.safetensors");
-    let model = Fcrn::<Cpu>::new(SHAPE, 5, &Default::default()).expect("valid");
+    let model = Fcrn::<Cpu>::new(SHAPE, 5, &CpuDevice).expect("valid");
     let provenance = Provenance { sensor: "digit".into(), input: (32, 64), seed: 5, ..Provenance::default() };
     WeightFile::of(&model, SHAPE.architecture(), provenance).save(&path, precision).expect("written");
     (folder, path, model)
 }
 
 fn load(path: &std::path::Path, shape: FcrnConfig) -> Result<Fcrn<Cpu>, WeightsError> {
-    let empty = Fcrn::zeros(shape, &Default::default()).expect("valid");
+    let empty = Fcrn::zeros(shape, &CpuDevice).expect("valid");
     WeightFile::open(path)?.load_into(empty, &shape.architecture())
 }
 
