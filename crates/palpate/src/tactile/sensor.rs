@@ -84,7 +84,7 @@ impl TactileSensor {
     /// | `ycb-sight` | 640 × 480 | 0.0295 mm | dome, r 50 mm (fit of Taxim's measured gel, rms 0.6 µm) |
     /// | `gelsight-r15` | 240 × 320 | 0.0877 mm | flat |
     /// | `gelsight-mini` | 320 × 240 | 0.0634 mm | flat |
-    /// | `digit` | 240 × 320 | 0.0532 mm | flat (the real one is slightly domed) |
+    /// | `digit` | 320 × 240 | 0.0532 mm | flat (the real one is slightly domed); landscape, as its photometric table |
     ///
     /// # Errors
     /// [`SensorError::UnknownPreset`], which lists the names.
@@ -96,7 +96,7 @@ impl TactileSensor {
             "ycb-sight" => (640, 480, 0.0295e-3, RelaxedGel::Dome { radius: 0.050 }),
             "gelsight-r15" => (240, 320, 0.0877e-3, RelaxedGel::Flat),
             "gelsight-mini" => (320, 240, 0.0634e-3, RelaxedGel::Flat),
-            "digit" => (240, 320, 0.0532e-3, RelaxedGel::Flat),
+            "digit" => (320, 240, 0.0532e-3, RelaxedGel::Flat),
             _ => return Err(SensorError::UnknownPreset { found: name.to_owned() }),
         };
         Ok(Self { model: name.to_owned(), width, height, pixel_pitch, relaxed_gel })

@@ -3,6 +3,7 @@
 mod bad_input;
 mod compare;
 mod decode;
+mod presses;
 mod reconstruct;
 mod render;
 mod scene_folder;

@@ -7,7 +7,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 use palpate::io::{PressSet, create_folder, read_text, write_text};
 use palpate_nn::compact::{CompactConfig, CompactTask, Stage, train_compact};
 use palpate_nn::data::{PressFolder, Split};
-use palpate_nn::train::Event;
+use palpate_nn::train::{Ended, Event};
 use std::ops::ControlFlow;
 
 pub(super) fn run(args: &Args) -> anyhow::Result<Outcome> {
@@ -75,8 +75,9 @@ pub(super) fn run(args: &Args) -> anyhow::Result<Outcome> {
         Device::Cuda => anyhow::bail!("this palpate was built without CUDA; build it with --features cuda"),
     };
     bar.finish_and_clear();
-    trained?;
+    let ended = trained?;
     plotted?;
+    anyhow::ensure!(ended != Ended::Stopped, "the run was stopped");
     println!("{}", folder.join("compact.safetensors").display());
     Ok(Outcome::Done)
 }
