@@ -163,7 +163,8 @@ const BACKGROUND_SIGMA: f64 = 50.0 / 640.0;
 fn smooth(photo: &Raster<[f32; 3]>) -> Raster<[f32; 3]> {
     // A quarter of the size is enough for so wide a blur, and sixteen times as fast.
     let mut small = resize(photo, photo.rows().div_ceil(4), photo.cols().div_ceil(4));
-    blur_channels(&mut small, &kernel_of_sigma(BACKGROUND_SIGMA * small.cols() as f64), Border::Reflect);
+    let taps = kernel_of_sigma(BACKGROUND_SIGMA * small.cols() as f64);
+    blur_channels(&mut small, &taps, Border::Reflect);
     let wide = resize(&small, photo.rows(), photo.cols());
     let mix = |(f, p): (&[f32; 3], &[f32; 3])| {
         let darker = (0..3).map(|k| f[k] - p[k]).sum::<f32>() / 3.0;
