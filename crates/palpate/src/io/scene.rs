@@ -93,11 +93,11 @@ impl Loader {
             format!("there are {} [[touches]] but no [sensor]", toml.touches.len())
         });
         let sensor = sensor.flatten();
-        let touches = self.touches(&toml.touches, sensor.as_ref());
         let background = toml.sensor.as_ref().and_then(|s| s.background.as_ref());
         let background = background.and_then(|file| {
             self.read("[sensor] background", file, |path| sized(read_color(path)?, path, sensor.as_ref()))
         });
+        let touches = self.touches(&toml.touches, sensor.as_ref(), background.is_some());
         let truth = toml.truth.as_ref().map(|t| self.truth(&t.mesh, thorough));
         let scene = Scene { name: toml.name, frame: frame?, sensor, pose_sigma: sigma, touches: touches? };
         if thorough {
@@ -261,7 +261,12 @@ impl Loader {
         Some(sensor)
     }
 
-    fn touches(&mut self, touches: &[TouchToml], sensor: Option<&TactileSensor>) -> Option<Vec<Touch>> {
+    fn touches(
+        &mut self,
+        touches: &[TouchToml],
+        sensor: Option<&TactileSensor>,
+        has_background: bool,
+    ) -> Option<Vec<Touch>> {
         let mut poses = Vec::new();
         for (i, touch) in touches.iter().enumerate() {
             let key = format!("[[touches]] {i}");
@@ -275,6 +280,14 @@ impl Loader {
                     self.need(false, || format!("{key} needs image, or height_map with contact_mask, or both"));
                 }
             }
+        }
+        let image_alone = |t: &TouchToml| t.image.is_some() && (t.height_map.is_none() || t.contact_mask.is_none());
+        let undecodable = touches.iter().filter(|t| image_alone(t)).count();
+        if undecodable > 0 && !has_background {
+            self.warn(format!(
+                "[sensor] background is missing: without the image of the untouched gel, {undecodable} of {} touches cannot be decoded",
+                touches.len()
+            ));
         }
         // Hundreds of small files: read in parallel, judged in order.
         let recorded: Vec<Recorded> = touches

@@ -26,14 +26,14 @@ impl CompactConfig {
             learning_rate,
             schedule: Schedule::WarmupCosine { warmup_steps, floor: 0.01 },
             optimizer: OptimizerConfig::Adamw { weight_decay: 1e-4 },
-            clip_norm: 5.0,
+            clip_norm: 2.0,
             validate_every,
             patience: 0,
         };
         Self {
             augment: LightAugment { share: 0.5, gain: 0.03, offset: 2.0, drift: 1.5 },
-            gradient: part(4, 16, 4e-3, 100, 500),
-            level: part(5, 16, 3e-3, 150, 400),
+            gradient: LoopConfig { clip_norm: 5.0, ..part(4, 16, 4e-3, 100, 500) },
+            level: part(5, 16, 2e-3, 150, 330),
             mask: part(1, 8, 4e-3, 50, 400),
         }
     }

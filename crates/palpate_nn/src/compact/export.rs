@@ -1,39 +1,14 @@
-//! From trained modules to the file that `palpate` runs: batch normalisation folded into the convolutions.
+//! From trained modules to the file that `palpate` runs.
 
-use crate::weights::{NamedTensor, NamedTensors, Precision, Provenance, TensorFile, WeightsError};
+use crate::weights::{NamedTensors, Precision, Provenance, TensorFile, WeightsError};
 use palpate::tactile::compact::{ARCHITECTURE, VERSION, Weights};
 use std::collections::BTreeMap;
 use std::path::Path;
 
-/// ε of burn's batch normalisation, which its running variance is divided with.
-const EPSILON: f32 = 1e-5;
-
-/// Tensors of a part as `palpate` names them: `layers.0.weight` becomes `<part>.0.weight`; `….conv` and `….norm` become one
-/// convolution with bias.
-pub(super) fn folded(part: &str, tensors: &NamedTensors) -> NamedTensors {
-    let mut out = NamedTensors::new();
+/// Tensors of a part as `palpate` names them: `layers.0.weight` becomes `<part>.0.weight`.
+pub(super) fn named(part: &str, tensors: &NamedTensors) -> NamedTensors {
     let name = |path: &str| format!("{part}.{}", path.strip_prefix("layers.").unwrap_or(path));
-    for (path, tensor) in tensors {
-        let Some(place) = path.strip_suffix(".conv.weight") else {
-            if !path.contains(".norm.") {
-                out.insert(name(path), tensor.clone());
-            }
-            continue;
-        };
-        let of_norm = |key: &str| tensors.get(&format!("{place}.norm.{key}")).map_or(&[][..], |t| &t.values);
-        let (gamma, beta) = (of_norm("gamma"), of_norm("beta"));
-        let (mean, variance) = (of_norm("running_mean"), of_norm("running_var"));
-        let mut weight = tensor.clone();
-        let per_output = weight.values.len() / weight.shape[0];
-        let scale: Vec<f32> = gamma.iter().zip(variance).map(|(g, v)| g / (v + EPSILON).sqrt()).collect();
-        for (values, s) in weight.values.chunks_exact_mut(per_output).zip(&scale) {
-            values.iter_mut().for_each(|v| *v *= s);
-        }
-        let bias: Vec<f32> = beta.iter().zip(mean).zip(&scale).map(|((b, m), s)| b - m * s).collect();
-        out.insert(name(&format!("{place}.bias")), NamedTensor { shape: vec![bias.len()], values: bias });
-        out.insert(name(&format!("{place}.weight")), weight);
-    }
-    out
+    tensors.iter().map(|(path, tensor)| (name(path), tensor.clone())).collect()
 }
 
 /// Parts as `palpate` reads them.

@@ -9,6 +9,7 @@ use burn::tensor::backend::AutodiffBackend;
 use palpate::tactile::compact::{
     GradientMap, LevelNetwork, MASK_LAYERS, Planes, WORKING_SIZE, indentation, mask_input,
 };
+use rand::RngExt as _;
 use rand_pcg::Pcg64;
 
 /// Training of the mask map, on what the parts before it make of the images.
@@ -19,10 +20,15 @@ pub struct MaskTask<'a> {
 }
 
 const INPUTS: usize = 13;
+/// Size of an image in blocks of 2 × 2 pixels.
 const ROWS: usize = WORKING_SIZE.0 / 2;
 const COLS: usize = WORKING_SIZE.1 / 2;
+/// Size of a training crop in blocks: the map is local.
+const CROP: [usize; 2] = [60, 80];
+/// Share of the crops that are centred on a pixel of the contact.
+const ON_CONTACT: f64 = 0.7;
 
-/// Images on the host.
+/// Crops on the host.
 pub struct Masks {
     count: usize,
     input: Vec<f32>,
@@ -38,6 +44,17 @@ impl MaskTask<'_> {
         let truth = press.mask.map(|&m| [f32::from(u8::from(m))]);
         Ok([mask_input(&felt.depth, &felt.steps, felt.peak), Planes::from_blocks(&truth, 2)])
     }
+}
+
+/// First row and column of a crop.
+fn corner(truth: &Planes, rng: &mut Pcg64) -> [usize; 2] {
+    let touched: Vec<usize> = truth.plane(0).iter().enumerate().filter(|(_, t)| **t > 0.5).map(|(i, _)| i).collect();
+    if !touched.is_empty() && rng.random::<f64>() < ON_CONTACT {
+        let at = touched[rng.random_range(0..touched.len())];
+        let within = |center: usize, crop: usize, all: usize| center.saturating_sub(crop / 2).min(all - crop);
+        return [within(at / COLS, CROP[0], ROWS), within(at % COLS, CROP[1], COLS)];
+    }
+    [rng.random_range(0..=ROWS - CROP[0]), rng.random_range(0..=COLS - CROP[1])]
 }
 
 impl<B: AutodiffBackend> Task<B> for MaskTask<'_> {
@@ -61,11 +78,15 @@ impl<B: AutodiffBackend> Task<B> for MaskTask<'_> {
     }
 
     fn batch(&self, indices: &[usize], rng: &mut Pcg64) -> Result<Masks, DataError> {
-        let loaded = self.shared.for_each(indices, rng, |index, mut rng| self.planes(index, Some(&mut rng)))?;
+        let loaded = self.shared.for_each(indices, rng, |index, mut rng| {
+            let [input, truth] = self.planes(index, Some(&mut rng))?;
+            let [row, col] = corner(&truth, &mut rng);
+            Ok([&input, &truth].map(|planes| planes.crop(row, col, CROP[0], CROP[1])))
+        })?;
         let mut batch = Masks { count: loaded.len(), input: Vec::new(), truth: Vec::new() };
         for [input, truth] in loaded {
-            batch.input.extend_from_slice(input.as_slice());
-            batch.truth.extend_from_slice(truth.as_slice());
+            batch.input.extend(input);
+            batch.truth.extend(truth);
         }
         Ok(batch)
     }
@@ -74,7 +95,7 @@ impl<B: AutodiffBackend> Task<B> for MaskTask<'_> {
     fn loss(&self, model: &Self::Model, batch: Masks, _rng: &mut Pcg64, device: &B::Device) -> Tensor<B, 1> {
         let n = batch.count;
         let tensor = |values, channels| -> Tensor<B, 4> {
-            Tensor::from_data(TensorData::new(values, [n, channels, ROWS, COLS]), device)
+            Tensor::from_data(TensorData::new(values, [n, channels, CROP[0], CROP[1]]), device)
         };
         let logit = model.forward(tensor(batch.input, INPUTS));
         let truth = tensor(batch.truth, 4);
@@ -84,7 +105,7 @@ impl<B: AutodiffBackend> Task<B> for MaskTask<'_> {
             .mean()
             .neg();
         let share = sigmoid(logit);
-        let sum = |x: Tensor<B, 4>| -> Tensor<B, 2> { x.reshape([n, 4 * ROWS * COLS]).sum_dim(1) };
+        let sum = |x: Tensor<B, 4>| -> Tensor<B, 2> { x.reshape([n, 4 * CROP[0] * CROP[1]]).sum_dim(1) };
         let both = sum(share.clone().mul(truth.clone())).mul_scalar(2.0).add_scalar(1.0);
         let dice = both.div(sum(share).add(sum(truth)).add_scalar(1.0)).mean();
         entropy.mul_scalar(4.0).add(dice.neg().add_scalar(1.0))

@@ -149,7 +149,7 @@ pub fn train_compact<B: AutodiffBackend>(
         Ok((run, again))
     };
     let best = |run: &RunFolder, stage: Stage| -> Result<NamedTensors, TrainError> {
-        Ok(export::folded(stage.name(), &WeightFile::open(&run.best())?.tensors))
+        Ok(export::named(stage.name(), &WeightFile::open(&run.best())?.tensors))
     };
 
     let (run, again) = part(Stage::Gradient)?;
@@ -188,7 +188,6 @@ mod tests {
     use crate::data::{MemorySamples, PressSample};
     use crate::weights::{host_values, named_tensors};
     use crate::{Cpu, CpuAutodiff, CpuDevice};
-    use burn::module::AutodiffModule as _;
     use burn::prelude::*;
     use palpate::io::read_compact_weights;
     use palpate::simulate::{PressSampler, PressSetParams};
@@ -213,13 +212,8 @@ mod tests {
 
     #[test]
     fn the_level_network_is_the_same_here_and_there() {
-        let module = LevelModule::<CpuAutodiff>::new(3, &CpuDevice);
-        // Training passes move the running statistics off their start, so that folding them has something to do.
-        for seed in 0..3 {
-            let _ = module.forward(tensor(noise(2 * LEVEL_INPUTS * 60 * 80, seed), [2, LEVEL_INPUTS, 60, 80]));
-        }
-        let module = module.valid();
-        let tensors = export::folded("level", &named_tensors::<Cpu, _>(&module));
+        let module = LevelModule::<Cpu>::new(3, &CpuDevice);
+        let tensors = export::named("level", &named_tensors::<Cpu, _>(&module));
         let network = LevelNetwork::from_weights(&export::weights(tensors)).expect("all tensors");
         let difference = Raster::from_vec(240, 320, noise(240 * 320 * 3, 9).as_chunks::<3>().0.to_vec()).expect("size");
         let steps = Raster::from_vec(240, 320, noise(240 * 320 * 2, 8).as_chunks::<2>().0.to_vec()).expect("size");
@@ -229,13 +223,13 @@ mod tests {
         let there: Vec<[f32; 1]> = network.run(&input).as_slice().iter().map(|&v| [v]).collect();
         let there = Planes::from_blocks(&Raster::from_vec(60, 80, there).expect("size"), 2);
         assert!(worst(&here, there.as_slice()) < 1e-4, "{}", worst(&here, there.as_slice()));
-        assert!(here.iter().any(|v| v.abs() > 1e-2));
+        assert!(here.iter().any(|v| v.abs() > 1e-3));
     }
 
     #[test]
     fn the_gradient_map_is_the_same_here_and_there() {
         let module = LocalNetwork::<Cpu>::new(&GRADIENT_LAYERS, 5, &CpuDevice);
-        let tensors = export::folded("gradient", &named_tensors::<Cpu, _>(&module));
+        let tensors = export::named("gradient", &named_tensors::<Cpu, _>(&module));
         let map = GradientMap::from_weights(&export::weights(tensors)).expect("all tensors");
         let difference = Raster::from_vec(240, 320, noise(240 * 320 * 3, 1).as_chunks::<3>().0.to_vec()).expect("size");
         let input = gradient_input(&difference);
@@ -245,7 +239,7 @@ mod tests {
         let there = Planes::from_blocks(&map.run(&difference).map(|s| s.map(|v| v * scale)), 2);
         assert!(worst(&here, there.as_slice()) < 1e-4, "{}", worst(&here, there.as_slice()));
         let mask = LocalNetwork::<Cpu>::new(&MASK_LAYERS, 5, &CpuDevice);
-        let tensors = export::folded("mask", &named_tensors::<Cpu, _>(&mask));
+        let tensors = export::named("mask", &named_tensors::<Cpu, _>(&mask));
         assert!(MaskMap::from_weights(&export::weights(tensors)).is_ok());
     }
 

@@ -1,9 +1,8 @@
 //! The three trained parts, layer by layer as in `palpate::tactile::compact`.
 
-use crate::layers::{conv, norm};
+use crate::layers::conv;
 use crate::weights::initialize;
 use burn::module::Module;
-use burn::nn::BatchNorm;
 use burn::nn::conv::Conv2d;
 use burn::prelude::*;
 use burn::tensor::activation::relu;
@@ -34,52 +33,46 @@ impl<B: Backend> LocalNetwork<B> {
     }
 }
 
-/// A convolution without bias and its batch normalisation.
-#[derive(Module, Debug)]
-struct Normed<B: Backend> {
-    conv: Conv2d<B>,
-    norm: BatchNorm<B>,
-}
-
-impl<B: Backend> Normed<B> {
-    fn new(size: usize, stride: usize, inputs: usize, outputs: usize, device: &B::Device) -> Self {
-        let conv = conv((inputs, outputs), [size, size], stride, size / 2, false, device);
-        Self { conv, norm: norm(outputs, device) }
-    }
-
-    fn forward(&self, x: Tensor<B, 4>) -> Tensor<B, 4> {
-        self.norm.forward(self.conv.forward(x))
-    }
-}
-
 /// The level network: encoder and decoder over three sizes.
+///
+/// Without batch normalisation: residual branches and the head start small instead, which trains as well and runs as it is.
 #[derive(Module, Debug)]
 pub struct LevelModule<B: Backend> {
-    enter: Vec<Normed<B>>,
+    enter: Vec<Conv2d<B>>,
     /// For each size, residual pairs: first and second convolution of one after the other.
-    block: Vec<Vec<Vec<Normed<B>>>>,
+    block: Vec<Vec<Vec<Conv2d<B>>>>,
     global: Vec<Conv2d<B>>,
-    narrow: Vec<Normed<B>>,
-    mix: Vec<Normed<B>>,
+    narrow: Vec<Conv2d<B>>,
+    mix: Vec<Conv2d<B>>,
     head: Conv2d<B>,
 }
+
+/// What the drawn weights of residual branches and of the head are multiplied with.
+const SMALL: f64 = 0.2;
 
 impl<B: Backend> LevelModule<B> {
     /// A network with weights drawn from `seed`.
     pub fn new(seed: u64, device: &B::Device) -> Self {
         let w = LEVEL_WIDTHS;
-        let enter = |i: usize| Normed::new(3, 2, if i == 0 { LEVEL_INPUTS } else { w[i - 1] }, w[i], device);
-        let pair = |i: usize| (0..2).map(|_| Normed::new(3, 1, w[i], w[i], device)).collect();
-        let dense = || conv((w[2], w[2]), [1, 1], 1, 0, true, device);
+        let layer = |size: usize, stride: usize, inputs: usize, outputs: usize| {
+            conv((inputs, outputs), [size, size], stride, size / 2, true, device)
+        };
+        let enter = |i: usize| layer(3, 2, if i == 0 { LEVEL_INPUTS } else { w[i - 1] }, w[i]);
+        let pair = |i: usize| (0..2).map(|_| layer(3, 1, w[i], w[i])).collect();
         let network = Self {
             enter: (0..3).map(enter).collect(),
             block: (0..3).map(|i| (0..LEVEL_BLOCKS[i]).map(|_| pair(i)).collect()).collect(),
-            global: vec![dense(), dense()],
-            narrow: (0..2).map(|i| Normed::new(1, 1, w[i + 1], w[i], device)).collect(),
-            mix: (0..2).map(|i| Normed::new(3, 1, w[i], w[i], device)).collect(),
-            head: conv((w[0], 4), [3, 3], 1, 1, true, device),
+            global: vec![layer(1, 1, w[2], w[2]), layer(1, 1, w[2], w[2])],
+            narrow: (0..2).map(|i| layer(1, 1, w[i + 1], w[i])).collect(),
+            mix: (0..2).map(|i| layer(3, 1, w[i], w[i])).collect(),
+            head: layer(3, 1, w[0], 4),
         };
-        initialize(network, seed)
+        let mut network = initialize(network, seed);
+        let ends = network.block.iter_mut().flatten().map(|pair| &mut pair[1]);
+        for layer in ends.chain([&mut network.global[1], &mut network.head]) {
+            layer.weight = layer.weight.clone().map(|w| w.mul_scalar(SMALL).detach().require_grad());
+        }
+        network
     }
 
     /// `[batch, 9, rows, cols]` to the level `[batch, 4, rows/2, cols/2]`: the 2 × 2 blocks of the input's size.
@@ -110,5 +103,5 @@ fn doubled<B: Backend>(x: Tensor<B, 4>, [_, _, to_rows, to_cols]: [usize; 4]) ->
     let [batch, channels, rows, cols] = x.dims();
     let x: Tensor<B, 6> = x.reshape([batch, channels, rows, 1, cols, 1]);
     let x = x.repeat_dim(3, 2).repeat_dim(5, 2).reshape([batch, channels, 2 * rows, 2 * cols]);
-    x.narrow(2, 0, to_rows).narrow(3, 0, to_cols)
+    if (2 * rows, 2 * cols) == (to_rows, to_cols) { x } else { x.narrow(2, 0, to_rows).narrow(3, 0, to_cols) }
 }

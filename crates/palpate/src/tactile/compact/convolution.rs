@@ -1,7 +1,7 @@
 use super::Planes;
 use nalgebra::{Const, DMatrix, DMatrixView, Dyn, MatrixViewMut};
 
-/// A 1 × 1 or 3 × 3 convolution with bias, batch normalisation folded in; borders are padded with zeros so that stride 1 keeps
+/// A 1 × 1 or 3 × 3 convolution with bias; borders are padded with zeros so that stride 1 keeps
 /// the size.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Convolution {

@@ -1,10 +1,10 @@
 use super::model::{CompactModel, WORKING_SIZE, indentation};
 use super::{Weights, WeightsError};
 use crate::geometry::Raster;
-use crate::tactile::{Contact, DecodeError, Integrator, NoContact, TactileDecoder, TactileSensor};
+use crate::tactile::{CONTACT_FLOOR, Contact, DecodeError, Integrator, NoContact, TactileDecoder, TactileSensor};
 
-/// Peak indentation under which nothing is called a contact, mm.
-const CONTACT_FLOOR_MM: f32 = 0.05;
+/// Most that the decoded gel stands out over its relaxed shape, mm: the membrane bends outwards a little beside a deep imprint.
+const MOST_BULGE_MM: f32 = 0.2;
 
 /// The decoder "compact": tactile image to height map and contact mask, about a hundredth of a second an image.
 #[derive(Debug)]
@@ -58,9 +58,9 @@ impl TactileDecoder for CompactDecoder {
         }
         let felt =
             indentation(&self.model.gradient, &self.model.level, &difference, &relaxed, &self.integrator);
-        let touched = felt.peak > CONTACT_FLOOR_MM;
+        let touched = 1e-3 * felt.peak > CONTACT_FLOOR;
         let mask = self.model.mask.run(&felt).map(|&logit| touched && logit > 0.0);
-        let heights = relaxed.as_slice().iter().zip(felt.depth.as_slice()).map(|(g, d)| g - 1e-3 * d.max(0.0));
+        let heights = relaxed.as_slice().iter().zip(felt.depth.as_slice()).map(|(g, d)| g - 1e-3 * d.max(-MOST_BULGE_MM));
         let height_map = Raster::from_vec(rows, cols, heights.collect()).expect("of the working size");
         Ok(Contact { height_map, mask })
     }

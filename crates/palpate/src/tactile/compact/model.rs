@@ -60,7 +60,7 @@ impl CompactModel {
         })
     }
 
-    /// Number of weights and biases, batch normalisation folded in.
+    /// Number of weights and biases.
     pub fn parameters(&self) -> usize {
         let local = self.gradient.0.iter().chain(&self.mask.0);
         local.chain(self.level.convolutions()).map(Convolution::parameters).sum()
