@@ -1,5 +1,4 @@
 use palpate::io::IoError;
-use std::path::PathBuf;
 
 /// Why training data cannot be used.
 #[derive(Debug, thiserror::Error)]
@@ -25,26 +24,6 @@ pub enum DataError {
         presses: usize,
         /// Objects in the set.
         objects: usize,
-    },
-    /// The split is no TOML of the form needed.
-    #[error("{}: not a readable split: {reason}", path.display())]
-    Split {
-        /// The file.
-        path: PathBuf,
-        /// What is wrong, and where.
-        reason: String,
-    },
-    /// An object is in two parts, so that the test would not be one.
-    #[error("{}: object '{object}' is in both the {first} and the {second} part", path.display())]
-    Overlap {
-        /// The file.
-        path: PathBuf,
-        /// The object.
-        object: String,
-        /// One part.
-        first: &'static str,
-        /// The other.
-        second: &'static str,
     },
     /// An object matches no part of the split.
     #[error("split '{split}' does not say where object '{object}' belongs")]

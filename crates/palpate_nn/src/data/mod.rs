@@ -12,4 +12,4 @@ pub use error::DataError;
 pub use prepare::{Prepared, resize};
 pub use press_folder::PressFolder;
 pub use samples::{MemorySamples, PressSample, Samples};
-pub use split::{Part, Parts, Split};
+pub use split::Parts;

@@ -1,9 +1,10 @@
 //! Small presses of a ball, made up: brightness follows the slope.
 
 use palpate::geometry::Raster;
+use palpate::io::{ObjectSplit, parse_object_split};
 use palpate::tactile::TactileSensor;
 use palpate_nn::config::TrainConfig;
-use palpate_nn::data::{Augment, MemorySamples, Parts, PressSample, Split};
+use palpate_nn::data::{Augment, MemorySamples, Parts, PressSample};
 use palpate_nn::tactile::FcrnTask;
 use std::path::Path;
 
@@ -42,12 +43,12 @@ pub(crate) fn tiny(preset: &str) -> TrainConfig {
     config
 }
 
-pub(crate) fn split() -> Split {
+pub(crate) fn split() -> ObjectSplit {
     let text = "name = 'tiny'\ntrain = ['*']\nvalidation = ['002']\n";
-    Split::parse(text, Path::new("tiny.toml")).expect("valid")
+    parse_object_split(Path::new("tiny.toml"), text).expect("valid")
 }
 
 pub(crate) fn task(samples: &MemorySamples, config: TrainConfig) -> FcrnTask<'_> {
-    let parts: Parts = split().apply(samples).expect("both parts");
+    let parts: Parts = Parts::of(samples, &split()).expect("both parts");
     FcrnTask::new(samples, parts, config, "tiny", "test")
 }

@@ -1,7 +1,7 @@
 use crate::presses::{presses, split, task, tiny};
 use burn::module::AutodiffModule as _;
 use palpate_nn::config::TrainConfig;
-use palpate_nn::data::Augment;
+use palpate_nn::data::{Augment, Parts};
 use palpate_nn::fcrn::Fcrn;
 use palpate_nn::train::{Ended, Event, MetricLog, Outcome, RunFolder, Schedule, TrainError, train};
 use palpate_nn::weights::{Precision, TensorFile, WeightFile, named_tensors};
@@ -42,7 +42,7 @@ fn a_small_network_learns_a_small_batch_by_heart() {
         config.run.epochs = 1;
         let samples = presses(4, 64, 64);
         let parts =
-            palpate_nn::data::Parts { train: (0..4).cycle().take(4 * 30).collect(), validation: vec![0], test: vec![] };
+            Parts { train: (0..4).cycle().take(4 * 30).collect(), validation: vec![0], test: vec![] };
         let task = palpate_nn::tactile::FcrnTask::new(&samples, parts, config.clone(), "tiny", "test");
         let mut losses = Vec::new();
         let mut watch = |event: Event<'_>| {
@@ -146,9 +146,9 @@ fn a_diverged_run_says_so_and_keeps_no_broken_weights() {
 
 #[test]
 fn an_empty_set_and_a_part_without_presses_are_named() {
-    let error = split().apply(&presses(0, 8, 8)).expect_err("empty").to_string();
+    let error = Parts::of(&presses(0, 8, 8), &split()).expect_err("empty").to_string();
     assert!(error.contains("holds no presses"), "{error}");
-    let error = split().apply(&presses(2, 8, 8)).expect_err("no 002").to_string();
+    let error = Parts::of(&presses(2, 8, 8), &split()).expect_err("no 002").to_string();
     assert!(error.contains("validation") && error.contains("2 presses"), "{error}");
 }
 

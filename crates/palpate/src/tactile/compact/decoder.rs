@@ -71,31 +71,77 @@ mod tests {
     use super::*;
     use crate::tactile::optics::TactileOptics;
 
-    #[test]
-    fn speed() {
+    fn decoder() -> (CompactDecoder, TactileSensor, Raster<[u8; 3]>) {
         let sensor = TactileSensor::preset("ycb-sight").expect("listed");
-        let optics = TactileOptics::preset(&sensor).expect("has a table");
-        let rest = optics.no_contact();
+        let rest = TactileOptics::preset(&sensor).expect("has a table").no_contact();
         let no_contact = NoContact::new(rest.clone(), &sensor).expect("sound");
-        let decoder = CompactDecoder::shipped(no_contact);
-        println!("{} parameters, {} MMAC", decoder.model().parameters(), decoder.model().cost() / 1_000_000);
-        let diff = Raster::from_fn(240, 320, |r, c| [((r * 7 + c) % 19) as f32, ((r + c * 3) % 23) as f32, 3.0]);
-        let dome = sensor.relaxed(240, 320);
-        for _ in 0..5 {
-            let t = std::time::Instant::now();
-            let steps = decoder.model.gradient.run(&diff);
-            let t1 = t.elapsed();
-            let shape = decoder.integrator.integrate_steps(&steps);
-            let t2 = t.elapsed();
-            let input = crate::tactile::compact::level_input(&diff, &shape, &steps, &dome);
-            let t3 = t.elapsed();
-            let level = decoder.model.level.run(&input);
-            let t4 = t.elapsed();
-            let (depth, peak) = crate::tactile::compact::join(&shape, &level);
-            let t5 = t.elapsed();
-            let m = decoder.model.mask.run(&crate::tactile::compact::Indentation { depth, steps, peak });
-            let t6 = t.elapsed();
-            println!("grad {t1:?} dct {:?} input {:?} level {:?} join {:?} mask {:?} total {t6:?} {}", t2 - t1, t3 - t2, t4 - t3, t5 - t4, t6 - t5, m[(3, 3)]);
+        (CompactDecoder::shipped(no_contact), sensor, rest)
+    }
+
+    #[test]
+    fn an_untouched_gel_is_relaxed() {
+        let (decoder, sensor, rest) = decoder();
+        let contact = decoder.decode(&rest, &sensor).expect("decoded");
+        assert!(contact.mask.as_slice().iter().all(|m| !m));
+        assert_eq!(contact.height_map, sensor.relaxed(240, 320));
+    }
+
+    #[test]
+    fn a_ball_is_felt_where_and_as_deep_as_it_was_pressed() {
+        use crate::tactile::{PressParams, press_surface};
+        let (decoder, sensor, _) = decoder();
+        let optics = TactileOptics::preset(&sensor).expect("has a table");
+        let radius = 10e-3;
+        let ball = Raster::from_fn(480, 640, |r, c| {
+            let (x, y) = sensor.pixel_position(r, c, 480, 640);
+            let rest = radius * radius - (x - 2e-3f64).powi(2) - (y + 1e-3f64).powi(2);
+            if rest > 0.0 { (radius - rest.sqrt()) as f32 } else { f32::INFINITY }
+        });
+        let truth = press_surface(&ball, &nalgebra::Isometry3::identity(), &sensor, &PressParams::default());
+        let truth = truth.expect("contact").contact;
+        let image = optics.render(&truth.height_map).expect("its size");
+        let contact = decoder.decode(&image, &sensor).expect("decoded");
+        let (mut both, mut either, mut worst) = (0.0, 0.0, 0.0f32);
+        for (row, col, &felt) in contact.mask.pixels() {
+            let really = truth.mask[(2 * row, 2 * col)];
+            both += f64::from(u8::from(felt && really));
+            either += f64::from(u8::from(felt || really));
+            if really {
+                let z = truth.height_map[(2 * row, 2 * col)];
+                worst = worst.max((contact.height_map[(row, col)] - z).abs());
+            }
         }
+        assert!(both / either > 0.9, "{}", both / either);
+        assert!(worst < 0.15e-3, "{worst}");
+    }
+
+    #[test]
+    fn images_of_other_sensors_are_refused() {
+        let (decoder, _, rest) = decoder();
+        let digit = TactileSensor::preset("digit").expect("listed");
+        let error = decoder.decode(&rest, &digit).expect_err("another sensor").to_string();
+        assert!(error.contains("'digit'") && error.contains("'ycb-sight'"), "{error}");
+    }
+
+    #[test]
+    fn weights_that_are_damaged_or_of_another_network_are_refused() {
+        assert!(matches!(Weights::parse(b"not weights"), Err(WeightsError::Malformed { .. })));
+        for end in [0, 7, 100, SHIPPED.len() / 2, SHIPPED.len() - 1] {
+            assert!(matches!(Weights::parse(&SHIPPED[..end]), Err(WeightsError::Malformed { .. })), "{end}");
+        }
+        let text = String::from_utf8_lossy(SHIPPED).into_owned();
+        assert!(text.contains("palpate-compact"));
+        let other = |from: &str, to: &str| {
+            let at = SHIPPED.windows(from.len()).position(|w| w == from.as_bytes()).expect("in the header");
+            let mut bytes = SHIPPED.to_vec();
+            bytes[at..at + to.len()].copy_from_slice(to.as_bytes());
+            CompactModel::from_weights(&Weights::parse(&bytes).expect("still a safetensors file"))
+        };
+        assert!(matches!(other("palpate-compact", "palpate-another"), Err(WeightsError::Architecture { .. })));
+        assert!(matches!(other("level.head.bias", "level.tail.bias"), Err(WeightsError::Missing { .. })));
+        let mut nan = SHIPPED.to_vec();
+        let last = nan.len() - 2;
+        nan[last..].copy_from_slice(&half::f16::NAN.to_le_bytes());
+        assert!(matches!(Weights::parse(&nan), Err(WeightsError::NotFinite { .. })));
     }
 }

@@ -4,17 +4,17 @@ use super::{Args, Device, plot};
 use crate::Outcome;
 use anyhow::Context as _;
 use indicatif::{ProgressBar, ProgressStyle};
-use palpate::io::{PressSet, create_folder, read_text, write_text};
+use palpate::io::{PressSet, create_folder, read_object_split, read_text, write_text};
 use palpate_nn::compact::{CompactConfig, CompactTask, Stage, train_compact};
-use palpate_nn::data::{PressFolder, Split};
+use palpate_nn::data::{Parts, PressFolder};
 use palpate_nn::train::{Ended, Event};
 use std::ops::ControlFlow;
 
 pub(super) fn run(args: &Args) -> anyhow::Result<Outcome> {
     let config = effective(args)?;
-    let split = Split::open(&args.split)?;
+    let split = read_object_split(&args.split)?;
     let samples = PressFolder::new(PressSet::open(&args.data)?, &args.data);
-    let parts = split.apply(&samples)?;
+    let parts = Parts::of(&samples, &split)?;
     eprintln!("{} presses for training, {} for validation", parts.train.len(), parts.validation.len());
     create_folder(&args.output)?;
     write_text(args.output.join("train.toml"), &toml::to_string_pretty(&config)?)?;

@@ -7,9 +7,9 @@ use crate::Outcome;
 use anyhow::Context as _;
 use clap::ValueEnum;
 use indicatif::{ProgressBar, ProgressStyle};
-use palpate::io::{PressSet, create_folder, write_text};
+use palpate::io::{PressSet, create_folder, read_object_split, write_text};
 use palpate_nn::config::TrainConfig;
-use palpate_nn::data::{PressFolder, Split};
+use palpate_nn::data::{Parts, PressFolder};
 use palpate_nn::fcrn::Head;
 use palpate_nn::tactile::FcrnTask;
 use palpate_nn::train::{Ended, Event, LoopConfig, RunFolder, Task, train};
@@ -92,9 +92,9 @@ pub(crate) fn run(args: Args) -> anyhow::Result<Outcome> {
         return compact::run(&args);
     }
     let config = effective(&args)?;
-    let split = Split::open(&args.split)?;
+    let split = read_object_split(&args.split)?;
     let samples = PressFolder::new(PressSet::open(&args.data)?, &args.data);
-    let parts = split.apply(&samples)?;
+    let parts = Parts::of(&samples, &split)?;
     eprintln!("{} presses for training, {} for validation", parts.train.len(), parts.validation.len());
     create_folder(&args.output)?;
     write_text(args.output.join("train.toml"), &config.to_toml())?;

@@ -2,7 +2,6 @@
 
 mod dataset;
 mod results;
-mod split;
 mod summary;
 
 use crate::Outcome;
@@ -10,12 +9,12 @@ use crate::decoders::{self, DecoderFiles, DecoderKind};
 use crate::progress::LateBar;
 use anyhow::bail;
 use dataset::{Dataset, Press};
+use palpate::io::{ObjectSplit, SplitPart, read_object_split};
 use palpate::metrics::compare_contacts;
 use palpate::simulate::Disturbance;
 use palpate::tactile::{NoContact, TactileDecoder};
 use rayon::prelude::*;
 use results::{Key, ResultsFile, Row};
-use split::{Part, Split};
 use std::collections::BTreeSet;
 use std::path::PathBuf;
 use std::sync::Mutex;
@@ -47,8 +46,8 @@ pub(crate) struct Args {
     #[arg(long, value_name = "FILE")]
     split: Option<PathBuf>,
     /// Objects of the split to decode
-    #[arg(long, value_enum, default_value_t = Part::Test, requires = "split")]
-    part: Part,
+    #[arg(long, value_enum, default_value_t = PartArg::Test, requires = "split")]
+    part: PartArg,
     /// Only objects whose name holds one of these
     #[arg(long, value_delimiter = ',', value_name = "NAME,…")]
     objects: Vec<String>,
@@ -64,6 +63,27 @@ pub(crate) struct Args {
     shard: Option<(usize, usize)>,
 }
 
+/// Which objects of a split.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+enum PartArg {
+    /// Seen by the optimizer
+    Train,
+    /// Decided which weights were kept
+    Validation,
+    /// Seen by neither
+    Test,
+}
+
+impl PartArg {
+    fn part(self) -> SplitPart {
+        match self {
+            Self::Train => SplitPart::Train,
+            Self::Validation => SplitPart::Validation,
+            Self::Test => SplitPart::Test,
+        }
+    }
+}
+
 fn disturbance(name: &str) -> Result<(String, Disturbance), String> {
     let known = || Disturbance::BENCHMARK.map(|(name, _)| name).join(", ");
     let found = Disturbance::named(name).ok_or_else(|| format!("known: {}", known()))?;
@@ -72,7 +92,7 @@ fn disturbance(name: &str) -> Result<(String, Disturbance), String> {
 
 pub(crate) fn run(args: Args) -> anyhow::Result<Outcome> {
     let dataset = Dataset::open(&args.dataset, args.background.as_deref())?;
-    let split = args.split.as_deref().map(Split::read).transpose()?;
+    let split = args.split.as_deref().map(read_object_split).transpose()?;
     let chosen = choose(&dataset.presses, &args, split.as_ref())?;
     let no_contact = NoContact::new(dataset.background.clone(), &dataset.sensor)?;
     let mut tools: Vec<(String, DecoderKind, Box<dyn TactileDecoder>)> = Vec::new();
@@ -121,10 +141,10 @@ pub(crate) fn run(args: Args) -> anyhow::Result<Outcome> {
 }
 
 /// The presses that the flags ask for.
-fn choose<'a>(presses: &'a [Press], args: &Args, split: Option<&Split>) -> anyhow::Result<Vec<&'a Press>> {
+fn choose<'a>(presses: &'a [Press], args: &Args, split: Option<&ObjectSplit>) -> anyhow::Result<Vec<&'a Press>> {
     let wanted = |press: &&Press| {
         let named = args.objects.is_empty() || args.objects.iter().any(|name| press.object.contains(name.as_str()));
-        named && split.is_none_or(|split| split.part(&press.object) == Some(args.part))
+        named && split.is_none_or(|split| split.part(&press.object) == Some(args.part.part()))
     };
     let mut chosen: Vec<&Press> = presses.iter().filter(wanted).collect();
     if chosen.is_empty() {
@@ -186,9 +206,9 @@ fn decode_press<'a>(
 }
 
 /// What the rows depend on beside object, image and decoder.
-fn conditions(args: &Args, dataset: &Dataset, split: Option<&Split>, images: usize) -> String {
+fn conditions(args: &Args, dataset: &Dataset, split: Option<&ObjectSplit>, images: usize) -> String {
     let name = |path: &PathBuf| path.file_name().unwrap_or_default().to_string_lossy().into_owned();
-    let split = split.map_or_else(|| "no split".to_owned(), |s| format!("split {} ({})", s.name, args.part.name()));
+    let split = split.map_or_else(|| "no split".to_owned(), |s| format!("split {} ({})", s.name, args.part.part().name()));
     format!(
         "palpate {} benchmark tactile, data set {} (sensor {}), {images} images, {split}, background {}{}",
         env!("CARGO_PKG_VERSION"),
@@ -199,14 +219,14 @@ fn conditions(args: &Args, dataset: &Dataset, split: Option<&Split>, images: usi
     )
 }
 
-fn notes(args: &Args, split: Option<&Split>, conditions: &str) -> Vec<String> {
-    let seen = match (split, args.part) {
+fn notes(args: &Args, split: Option<&ObjectSplit>, conditions: &str) -> Vec<String> {
+    let seen = match (split, args.part.part()) {
         (None, _) => {
             "**No split was given: learned decoders may have been trained on these objects.** Baselines are not concerned."
         }
-        (Some(_), Part::Test) => "Objects of the split's test list: no learned decoder of this split has seen them.",
-        (Some(_), Part::Train) => "**Train = test: learned decoders of this split were trained on these objects.**",
-        (Some(_), Part::Validation) => {
+        (Some(_), SplitPart::Test) => "Objects of the split's test list: no learned decoder of this split has seen them.",
+        (Some(_), SplitPart::Train) => "**Train = test: learned decoders of this split were trained on these objects.**",
+        (Some(_), SplitPart::Validation) => {
             "**Validation objects: they decided which weights of learned decoders of this split were kept.**"
         }
     };
