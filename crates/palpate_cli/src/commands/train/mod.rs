@@ -116,12 +116,11 @@ fn effective(args: &Args) -> anyhow::Result<TrainConfig> {
         Network::ContactMask => (Head::ContactMask, "contact-mask"),
         Network::Compact => unreachable!("trained by its own module"),
     };
-    let mut config = match &args.config {
-        Some(path) => TrainConfig::open(path)?,
-        None => {
-            let preset = args.preset.to_possible_value().expect("none is skipped");
-            TrainConfig::preset(&format!("{}-{head_name}", preset.get_name()))?
-        }
+    let mut config = if let Some(path) = &args.config {
+        TrainConfig::open(path)?
+    } else {
+        let preset = args.preset.to_possible_value().expect("none is skipped");
+        TrainConfig::preset(&format!("{}-{head_name}", preset.get_name()))?
     };
     anyhow::ensure!(
         config.network.head.is_height() == head.is_height(),
