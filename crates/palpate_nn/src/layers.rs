@@ -59,7 +59,7 @@ fn enlarge_axis<B: Backend>(image: Tensor<B, 4>, axis: usize) -> Tensor<B, 4> {
     Tensor::stack::<5>(vec![even, odd], axis + 1).reshape(dims)
 }
 
-/// The image moved by one pixel towards larger and towards smaller indices of `axis`.
+/// The image, of at least two pixels along `axis`, moved by one towards larger and towards smaller indices.
 ///
 /// * `beyond` – the pixel that stands in for the one outside, counted from the edge: 0 repeats the edge, 1 reflects about it
 fn neighbours<B: Backend>(image: Tensor<B, 4>, axis: usize, beyond: usize) -> (Tensor<B, 4>, Tensor<B, 4>) {
@@ -117,8 +117,8 @@ mod tests {
 
     #[test]
     fn enlarging_keeps_planes_inside_and_repeats_edges() {
-        let line = values(enlarge_twice(image(vec![0.0, 4.0, 8.0], 1, 3)));
-        assert_eq!(line, [0., 1., 3., 5., 7., 8., 0., 1., 3., 5., 7., 8.]);
+        let line = values(enlarge_twice(image(vec![0.0, 4.0, 8.0, 0.0, 4.0, 8.0], 2, 3)));
+        assert_eq!(line, [0., 1., 3., 5., 7., 8.].repeat(4));
     }
 
     #[test]

@@ -97,14 +97,14 @@ pub(crate) fn run(args: Args) -> anyhow::Result<Outcome> {
     let parts = Parts::of(&samples, &split)?;
     eprintln!("{} presses for training, {} for validation", parts.train.len(), parts.validation.len());
     create_folder(&args.output)?;
-    write_text(args.output.join("train.toml"), &config.to_toml())?;
+    let written = config.to_toml();
     let command = std::env::args().collect::<Vec<_>>().join(" ");
     let loop_config = config.run.clone();
     let task = FcrnTask::new(&samples, parts, config, &split.name, &command);
     match args.device {
-        Device::Cpu => train_and_report::<palpate_nn::CpuAutodiff, _>(&task, &loop_config, &args),
+        Device::Cpu => train_and_report::<palpate_nn::CpuAutodiff, _>(&task, &loop_config, &written, &args),
         #[cfg(feature = "cuda")]
-        Device::Cuda => train_and_report::<palpate_nn::CudaAutodiff, _>(&task, &loop_config, &args),
+        Device::Cuda => train_and_report::<palpate_nn::CudaAutodiff, _>(&task, &loop_config, &written, &args),
         #[cfg(not(feature = "cuda"))]
         Device::Cuda => anyhow::bail!("this palpate was built without CUDA; build it with --features cuda"),
     }
@@ -134,7 +134,9 @@ fn effective(args: &Args) -> anyhow::Result<TrainConfig> {
 }
 
 /// Trains any network, with a progress bar, and keeps `curves.svg` up to date.
-fn train_and_report<B, T>(task: &T, config: &LoopConfig, args: &Args) -> anyhow::Result<Outcome>
+///
+/// * `written` – content of `train.toml`, written once the run has begun: a refused one leaves the file of the other run
+fn train_and_report<B, T>(task: &T, config: &LoopConfig, written: &str, args: &Args) -> anyhow::Result<Outcome>
 where
     B: palpate_nn::AutodiffBackend,
     T: Task<B>,
@@ -143,13 +145,14 @@ where
     let curves = args.output.join("curves.svg");
     let bar = ProgressBar::new(0);
     bar.set_style(ProgressStyle::with_template("{wide_bar} {pos}/{len} steps, {eta} left, {msg}").context("the bar")?);
-    let mut plotted = Ok(());
+    let mut kept = Ok(());
     let mut started = false;
     let mut watch = |event: Event<'_>| {
         match event {
             Event::Step { step, steps, loss } => {
                 if !started {
                     started = true;
+                    kept = write_text(args.output.join("train.toml"), written).map_err(Into::into);
                     bar.set_length(steps as u64);
                     bar.set_position(step as u64 - 1);
                     // Of a resumed run, the steps before are no work of today.
@@ -167,16 +170,16 @@ where
                         format!("epoch {:.2}: loss {:.4}, {}{mark}", row.epoch, row.train_loss, values.join(", "));
                     bar.suspend(|| eprintln!("{line}"));
                 }
-                plotted = plot::write(&curves, log);
+                kept = plot::write(&curves, log);
             }
             _ => {}
         }
-        if plotted.is_ok() { ControlFlow::Continue(()) } else { ControlFlow::Break(()) }
+        if kept.is_ok() { ControlFlow::Continue(()) } else { ControlFlow::Break(()) }
     };
     let outcome = train::<B, T>(task, config, &folder, args.resume, &Default::default(), &mut watch);
     bar.finish_and_clear();
     let outcome = outcome?;
-    plotted?;
+    kept?;
     let why = match outcome.ended {
         Ended::Patience => "stopped early: no improvement",
         Ended::Finished | Ended::Stopped => "finished",
