@@ -127,10 +127,7 @@ impl PressSampler {
     pub fn sample(&self, index: usize) -> Result<(PressRecord, PressSample), SimulateError> {
         let mut rng = stream(self.params.seed, "presses", index, "press");
         for _ in 0..ATTEMPTS {
-            let (object, pressed, depth) = match self.attempt(&mut rng) {
-                Some(done) => done,
-                None => continue,
-            };
+            let Some((object, pressed, depth)) = self.attempt(&mut rng) else { continue };
             let mut image = self.optics.render(&pressed.contact.height_map)?;
             self.params.light.apply(&mut image, &mut rng);
             let contact = self.shrink_contact(&pressed.contact);
