@@ -15,7 +15,7 @@ test:
 # Style
 lint:
     cargo fmt --all --check
-    cargo clippy --workspace --all-targets -- -D warnings
+    cargo clippy --workspace --all-targets --features palpate_cli/nn -- -D warnings
 
 # The library's documentation, links checked
 doc:

@@ -49,6 +49,9 @@ pub(crate) struct DecoderFiles {
     /// Weights of a network, instead of those that come with palpate
     #[arg(long, value_name = "FILE")]
     pub(crate) weights: Option<PathBuf>,
+    /// Weights of a contact network, for the decoder 'fcrn'; without them contact is read off the heights
+    #[arg(long, value_name = "FILE", requires = "weights")]
+    pub(crate) mask_weights: Option<PathBuf>,
 }
 
 /// Makes a decoder for a sensor whose no-contact image this is.
@@ -79,8 +82,23 @@ pub(crate) fn make(
             Some(path) => CompactDecoder::new(&read_compact_weights(path)?, no_contact)
                 .with_context(|| format!("weights {}", path.display()))?,
         })),
-        DecoderKind::Fcrn => bail!("the decoder '{}' is not built yet", kind.name()),
+        DecoderKind::Fcrn => fcrn(no_contact, files),
     }
+}
+
+#[cfg(feature = "nn")]
+fn fcrn(no_contact: NoContact, files: &DecoderFiles) -> anyhow::Result<Box<dyn TactileDecoder>> {
+    let Some(height) = &files.weights else {
+        bail!("the decoder 'fcrn' needs --weights FILE of a height network (`palpate train height-map`)");
+    };
+    let decoder = palpate_nn::FcrnDecoder::open(height, files.mask_weights.as_deref(), no_contact)
+        .with_context(|| format!("weights {}", height.display()))?;
+    Ok(Box::new(decoder))
+}
+
+#[cfg(not(feature = "nn"))]
+fn fcrn(_no_contact: NoContact, _files: &DecoderFiles) -> anyhow::Result<Box<dyn TactileDecoder>> {
+    bail!("this palpate was built without networks; for the decoder 'fcrn' build it with --features palpate_cli/nn")
 }
 
 /// Reads the no-contact image of a sensor.

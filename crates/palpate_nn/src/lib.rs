@@ -12,6 +12,7 @@
 pub mod compact;
 pub mod config;
 pub mod data;
+mod decoder;
 pub mod fcrn;
 pub mod loss;
 pub mod tactile;
@@ -26,6 +27,7 @@ pub type Cpu = burn::backend::Flex;
 
 /// The one device of [`Cpu`].
 pub use burn_flex::FlexDevice as CpuDevice;
+pub use decoder::{FcrnDecoder, FcrnDecoderError};
 
 /// [`Cpu`] with reverse-mode differentiation.
 pub type CpuAutodiff = burn::backend::Autodiff<Cpu>;

@@ -211,7 +211,7 @@ impl Sums {
 
 impl Input {
     /// Appends an image of [`Prepared`] as the network reads it.
-    fn encode(self, rgb: &[f32], out: &mut Vec<f32>) {
+    pub(crate) fn encode(self, rgb: &[f32], out: &mut Vec<f32>) {
         match self {
             Self::Bgr255 => rgb.chunks(rgb.len() / 3).rev().for_each(|channel| out.extend_from_slice(channel)),
             // A difference of 64 grey levels is a strong one: 1.
