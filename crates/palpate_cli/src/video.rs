@@ -2,7 +2,8 @@
 
 use anyhow::{Context as _, bail};
 use palpate::geometry::Raster;
-use std::io::{BufRead as _, BufReader, ErrorKind, Read as _};
+use std::fs::File;
+use std::io::{BufRead as _, BufReader, ErrorKind, Read as _, Seek as _};
 use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStdout, Command, Stdio};
 
@@ -16,6 +17,8 @@ pub(crate) struct Frames {
     path: PathBuf,
     child: Child,
     stdout: BufReader<ChildStdout>,
+    /// What ffmpeg complains about: a file, for a pipe that nobody reads would stop it once full.
+    complaints: File,
     ended: bool,
 }
 
@@ -27,13 +30,14 @@ impl Frames {
         }
         // A path that begins with '-' would be taken for a flag.
         let input = if path.is_absolute() { path.to_owned() } else { Path::new(".").join(path) };
+        let complaints = tempfile::tempfile().context("making a temporary file")?;
         let child = Command::new("ffmpeg")
             .args(["-v", "error", "-nostdin", "-i"])
             .arg(input)
             .args(["-an", "-f", "image2pipe", "-c:v", "ppm", "-"])
             .stdin(Stdio::null())
             .stdout(Stdio::piped())
-            .stderr(Stdio::piped())
+            .stderr(complaints.try_clone().context("making a temporary file")?)
             .spawn();
         let mut child = match child {
             Err(error) if error.kind() == ErrorKind::NotFound => bail!(
@@ -44,7 +48,13 @@ impl Frames {
             other => other.context("starting ffmpeg")?,
         };
         let stdout = child.stdout.take().context("ffmpeg has no output")?;
-        Ok(Self { path: path.to_owned(), child, stdout: BufReader::with_capacity(1 << 20, stdout), ended: false })
+        Ok(Self {
+            path: path.to_owned(),
+            child,
+            stdout: BufReader::with_capacity(1 << 20, stdout),
+            complaints,
+            ended: false,
+        })
     }
 
     /// The next frame, or `None` at the end.
@@ -80,12 +90,12 @@ impl Frames {
 
     /// Waits for the end; what ffmpeg complained about is an error.
     fn finish(&mut self) -> anyhow::Result<()> {
-        let mut said = String::new();
-        if let Some(mut stderr) = self.child.stderr.take() {
-            stderr.read_to_string(&mut said)?;
-        }
         let status = self.child.wait()?;
         if !status.success() {
+            let mut said = Vec::new();
+            self.complaints.rewind()?;
+            self.complaints.read_to_end(&mut said)?;
+            let said = String::from_utf8_lossy(&said);
             let last = said.lines().last().unwrap_or("it gave no reason");
             bail!("ffmpeg cannot decode {}: {last}", self.path.display());
         }
