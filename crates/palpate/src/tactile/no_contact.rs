@@ -17,6 +17,10 @@ const SATURATED_LIMIT: f32 = 0.25;
 /// Median local difference from which the light is another, grey levels. A gain of 10 % makes 14, a photograph in place of the
 /// simulated no-contact image 8; two units of one sensor model differ by 20.
 const LIGHT_LIMIT: f32 = 18.0;
+/// Median local difference from which the image is tried at another gain, grey levels: large contacts stay under it.
+const GAIN_DOUBT: f32 = 9.0;
+/// Gains that a lamp or a camera's exposure may have.
+const GAINS: std::ops::RangeInclusive<f32> = 0.75..=1.34;
 /// Reversed channels must fit this many times better before they are called swapped: images as they should be fit 2 to 100 times
 /// **worse** reversed.
 const SWAP_FACTOR: f32 = 1.6;
@@ -59,14 +63,15 @@ impl NoContact {
 
     /// Image minus no-contact image, R, G, B grey levels, after checking that the two belong together.
     ///
-    /// An image n times as large is averaged down over n × n pixels.
+    /// An image n times as large is averaged down over n × n pixels. One that is clearly brighter or darker as a whole, by up to a
+    /// third, is divided by that gain.
     ///
     /// # Errors
     /// [`DecodeError`]: size, grey, saturated, red and blue exchanged, or another light.
     pub fn difference(&self, image: &Raster<[u8; 3]>) -> Result<Raster<[f32; 3]>, DecodeError> {
         let factor = self.multiple(image)?;
-        self.check_light(image)?;
-        let minus = |value: [f32; 3], reference: &[u8; 3]| [0, 1, 2].map(|k| value[k] - f32::from(reference[k]));
+        let gain = self.check_light(image)?;
+        let minus = |value: [f32; 3], reference: &[u8; 3]| [0, 1, 2].map(|k| value[k] / gain - f32::from(reference[k]));
         if factor == 1 {
             let pairs = image.as_slice().iter().zip(self.image.as_slice());
             let data = pairs.map(|(pixel, reference)| minus(pixel.map(f32::from), reference)).collect();
@@ -114,7 +119,8 @@ impl NoContact {
         })
     }
 
-    fn check_light(&self, image: &Raster<[u8; 3]>) -> Result<(), DecodeError> {
+    /// The gain that the image is to be divided by: 1 unless the whole is clearly brighter or darker.
+    fn check_light(&self, image: &Raster<[u8; 3]>) -> Result<f32, DecodeError> {
         let found = spread(image);
         if found < GREY_SPREAD && self.spread > COLOR_SPREAD {
             return Err(DecodeError::Grey { found, reference: self.spread });
@@ -129,10 +135,18 @@ impl NoContact {
         if found > 4.0 && found > SWAP_FACTOR * reversed {
             return Err(DecodeError::ChannelsSwapped { found, reversed });
         }
+        if found > GAIN_DOUBT {
+            let ratios = pairs().flat_map(|(a, b)| [0, 1, 2].map(|k| a[k] / b[k].max(1.0)));
+            let gain = median(ratios);
+            let left = median(pairs().map(|(a, b)| off(a.map(|v| v / gain), b)));
+            if GAINS.contains(&gain) && left < 0.5 * found {
+                return Ok(gain);
+            }
+        }
         if found > LIGHT_LIMIT {
             return Err(DecodeError::OtherLight { found, limit: LIGHT_LIMIT });
         }
-        Ok(())
+        Ok(1.0)
     }
 }
 
@@ -248,8 +262,12 @@ mod tests {
         assert!(matches!(with(&|[r, g, b]| [b, g, r]), Err(DecodeError::ChannelsSwapped { reversed: 0.0, .. })));
         assert!(matches!(with(&|[r, _, b]| [r, 255, b]), Err(DecodeError::Saturated { found: 1.0, .. })));
         assert!(matches!(with(&|p| p.map(|v| v - 40)), Err(DecodeError::OtherLight { .. })));
-        // What a robot meets: 10 % brighter, a few levels of drift, a JPEG's noise.
-        assert!(with(&|p| p.map(|v| (f32::from(v) * 1.1) as u8)).is_ok());
+        // What a robot meets: brighter or darker as a whole, a few levels of drift, a JPEG's noise.
+        for gain in [0.8f32, 1.2] {
+            let difference = with(&|p| p.map(|v| (f32::from(v) * gain).round() as u8)).expect("a gain that is divided out");
+            assert!(difference.as_slice().iter().all(|d| d.iter().all(|v| v.abs() < 2.0)), "{gain}");
+        }
+        assert!(with(&|p| p.map(|v| (f32::from(v) * 1.05) as u8)).is_ok());
         assert!(with(&|[r, g, b]| [r + 8, g - 4, b]).is_ok());
     }
 
