@@ -13,5 +13,5 @@ mod view;
 pub use item::{Item, Paint, Shape, palette};
 pub use panels::{Fit, Panel, render_panels};
 pub use shade::render_scene;
-pub use tactile::render_contact;
+pub use tactile::{render_contact, render_indentation};
 pub use view::{Look, View, Viewpoint};

@@ -17,29 +17,46 @@ const MIN_SCALE: f32 = 0.1e-3;
 /// Slopes are drawn so many times steeper: imprints are shallow.
 const RELIEF: f32 = 3.0;
 
-/// Draws a tactile image beside what was decoded from it: the indentation in colour, shaded from the upper left, the contact
-/// outlined in white, the colour scale at its right in millimetres.
+/// Draws a tactile image beside what was decoded from it, as [`render_indentation`] does.
 ///
 /// Each panel has the height map's size; an image of another size is sampled at its nearest pixels.
 pub fn render_contact(image: &Raster<[u8; 3]>, contact: &Contact, sensor: &TactileSensor) -> Raster<[u8; 3]> {
+    let decoded = render_indentation(contact, sensor);
+    let (rows, cols) = contact.height_map.shape();
+    let left = cols + gap(cols);
+    Raster::from_fn(rows, left + decoded.cols(), |row, col| {
+        if col < cols {
+            image[(row * image.rows() / rows, col * image.cols() / cols)]
+        } else if col < left {
+            palette::PAPER
+        } else {
+            decoded[(row, col - left)]
+        }
+    })
+}
+
+/// Draws the indentation in colour, shaded from the upper left, the contact outlined in white, the colour scale at its right in
+/// millimetres. Has the height map's size, and a fifth of its width for the scale.
+pub fn render_indentation(contact: &Contact, sensor: &TactileSensor) -> Raster<[u8; 3]> {
     let depth = contact.indentation(sensor);
     let (rows, cols) = depth.shape();
     let scale = depth.as_slice().iter().copied().fold(MIN_SCALE, f32::max);
     let bar = (cols / 5).max(40);
-    let gap = (cols / 40).max(2);
-    let width = 2 * cols + 2 * gap + bar;
-    let mut picture = Raster::filled(rows, width, palette::PAPER);
+    let mut picture = Raster::filled(rows, cols + gap(cols) + bar, palette::PAPER);
     let pitch = sensor.map_pitch(cols) as f32;
     for row in 0..rows {
         for col in 0..cols {
-            let source = (row * image.rows() / rows, col * image.cols() / cols);
-            picture[(row, col)] = image[source];
-            picture[(row, cols + gap + col)] =
+            picture[(row, col)] =
                 if on_outline(&contact.mask, row, col) { [255; 3] } else { relief(&depth, row, col, scale, pitch) };
         }
     }
-    scale_bar(&mut picture, 2 * (cols + gap), scale);
+    scale_bar(&mut picture, cols + gap(cols), scale);
     picture
+}
+
+/// Paper between panels `cols` wide, pixels.
+fn gap(cols: usize) -> usize {
+    (cols / 40).max(2)
 }
 
 fn color(share: f32) -> [f32; 3] {

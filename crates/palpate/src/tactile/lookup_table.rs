@@ -217,7 +217,7 @@ impl TactileDecoder for LookupDecoder {
 }
 
 /// Shifts a map so that the median of its border ring is 0.
-fn level_by_border(mut map: Raster<f32>) -> Raster<f32> {
+pub(super) fn level_by_border(mut map: Raster<f32>) -> Raster<f32> {
     let (rows, cols) = map.shape();
     let on_ring = |&(r, c, _): &(usize, usize, &f32)| r == 0 || c == 0 || r + 1 == rows || c + 1 == cols;
     let mut ring: Vec<f32> = map.pixels().filter(on_ring).map(|(.., &h)| h).collect();
