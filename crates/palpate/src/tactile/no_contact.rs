@@ -17,8 +17,11 @@ const SATURATED_LIMIT: f32 = 0.25;
 /// Median local difference from which the light is another, grey levels. A gain of 10 % makes 14, a photograph in place of the
 /// simulated no-contact image 8; two units of one sensor model differ by 20.
 const LIGHT_LIMIT: f32 = 18.0;
-/// Median local difference from which the image is tried at another gain, grey levels: large contacts stay under it.
-const GAIN_DOUBT: f32 = 9.0;
+/// Median local difference from which a change of the whole light is tried, grey levels. A contact's colours differ from channel
+/// to channel, so that no change of the whole explains half of them, or as much as this.
+const LIGHT_DOUBT: f32 = 4.0;
+/// Largest even offset that is undone, grey levels.
+const OFFSET_LIMIT: f32 = 25.0;
 /// Gains that a lamp or a camera's exposure may have.
 const GAINS: std::ops::RangeInclusive<f32> = 0.75..=1.34;
 /// Reversed channels must fit this many times better before they are called swapped: images as they should be fit 2 to 100 times
@@ -33,6 +36,20 @@ pub struct NoContact {
     image: Raster<[u8; 3]>,
     spread: f32,
     cells: Raster<[f32; 3]>,
+}
+
+/// A change of the light as a whole.
+#[derive(Debug, Clone, Copy)]
+struct Light {
+    gain: f32,
+    offset: f32,
+}
+
+impl Light {
+    /// The value before the change.
+    fn undo(self, value: f32) -> f32 {
+        (value - self.offset) / self.gain
+    }
 }
 
 impl NoContact {
@@ -63,15 +80,15 @@ impl NoContact {
 
     /// Image minus no-contact image, R, G, B grey levels, after checking that the two belong together.
     ///
-    /// An image n times as large is averaged down over n × n pixels. One that is clearly brighter or darker as a whole, by up to a
-    /// third, is divided by that gain.
+    /// An image n times as large is averaged down over n × n pixels. One that is brighter or darker as a whole, by a gain of up
+    /// to a third or by an even offset, is brought back first.
     ///
     /// # Errors
     /// [`DecodeError`]: size, grey, saturated, red and blue exchanged, or another light.
     pub fn difference(&self, image: &Raster<[u8; 3]>) -> Result<Raster<[f32; 3]>, DecodeError> {
         let factor = self.multiple(image)?;
-        let gain = self.check_light(image)?;
-        let minus = |value: [f32; 3], reference: &[u8; 3]| [0, 1, 2].map(|k| value[k] / gain - f32::from(reference[k]));
+        let light = self.check_light(image)?;
+        let minus = |value: [f32; 3], reference: &[u8; 3]| [0, 1, 2].map(|k| light.undo(value[k]) - f32::from(reference[k]));
         if factor == 1 {
             let pairs = image.as_slice().iter().zip(self.image.as_slice());
             let data = pairs.map(|(pixel, reference)| minus(pixel.map(f32::from), reference)).collect();
@@ -119,8 +136,8 @@ impl NoContact {
         })
     }
 
-    /// The gain that the image is to be divided by: 1 unless the whole is clearly brighter or darker.
-    fn check_light(&self, image: &Raster<[u8; 3]>) -> Result<f32, DecodeError> {
+    /// How the light has changed as a whole, if it clearly has.
+    fn check_light(&self, image: &Raster<[u8; 3]>) -> Result<Light, DecodeError> {
         let found = spread(image);
         if found < GREY_SPREAD && self.spread > COLOR_SPREAD {
             return Err(DecodeError::Grey { found, reference: self.spread });
@@ -135,18 +152,22 @@ impl NoContact {
         if found > 4.0 && found > SWAP_FACTOR * reversed {
             return Err(DecodeError::ChannelsSwapped { found, reversed });
         }
-        if found > GAIN_DOUBT {
-            let ratios = pairs().flat_map(|(a, b)| [0, 1, 2].map(|k| a[k] / b[k].max(1.0)));
-            let gain = median(ratios);
-            let left = median(pairs().map(|(a, b)| off(a.map(|v| v / gain), b)));
-            if GAINS.contains(&gain) && left < 0.5 * found {
-                return Ok(gain);
+        if found > LIGHT_DOUBT {
+            let of_all = |f: &dyn Fn(f32, f32) -> f32| median(pairs().flat_map(|(a, b)| [0, 1, 2].map(|k| f(a[k], b[k]))));
+            let gain = Light { gain: of_all(&|a, b| a / b.max(1.0)), offset: 0.0 };
+            let offset = Light { gain: 1.0, offset: of_all(&|a, b| a - b) };
+            let left = |light: &Light| median(pairs().map(|(a, b)| off(a.map(|v| light.undo(v)), b)));
+            let possible = |light: &Light| GAINS.contains(&light.gain) && light.offset.abs() < OFFSET_LIMIT;
+            let better = [gain, offset].into_iter().filter(possible).min_by(|a, b| left(a).total_cmp(&left(b)));
+            let explains = |light: &Light| left(light) < (0.5 * found).max(found - LIGHT_DOUBT);
+            if let Some(light) = better.filter(explains) {
+                return Ok(light);
             }
         }
         if found > LIGHT_LIMIT {
             return Err(DecodeError::OtherLight { found, limit: LIGHT_LIMIT });
         }
-        Ok(1.0)
+        Ok(Light { gain: 1.0, offset: 0.0 })
     }
 }
 
