@@ -70,8 +70,8 @@ impl Trained {
     fn open(path: &Path, is_height: bool) -> Result<(Self, String), FcrnDecoderError> {
         let file = WeightFile::open(path)?;
         let config: FcrnConfig = file.config("fcrn", 1)?;
-        let run: TrainConfig = serde_json::from_str(&file.provenance.run)
-            .map_err(|e| FcrnDecoderError::Run { reason: e.to_string() })?;
+        let run: TrainConfig =
+            serde_json::from_str(&file.provenance.run).map_err(|e| FcrnDecoderError::Run { reason: e.to_string() })?;
         let name = |height: bool| if height { "heights" } else { "contact" };
         if config.head.is_height() != is_height {
             return Err(FcrnDecoderError::Head { found: name(!is_height), needed: name(is_height) });

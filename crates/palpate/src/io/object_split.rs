@@ -103,7 +103,8 @@ mod tests {
 
     #[test]
     fn the_most_particular_entry_decides() {
-        let text = "name = 'x'\ntrain = ['primitive:*', '*']\nvalidation = ['002', '072-a']\ntest = ['004_sugar_box']\n";
+        let text =
+            "name = 'x'\ntrain = ['primitive:*', '*']\nvalidation = ['002', '072-a']\ntest = ['004_sugar_box']\n";
         let split = parse(text).expect("valid");
         let part = |o| split.part(o).expect("assigned");
         assert_eq!(part("002_master_chef_can"), SplitPart::Validation);

@@ -307,9 +307,12 @@ mod tests {
         let scene = scene();
         let points = [[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]].map(Point::from).to_vec();
         let truth = TriangleMesh::new(points, vec![[0, 1, 2]]).expect("valid");
-        write_scene(&at, &SceneToWrite { truth: Some(&truth), ..SceneToWrite::new(&scene) }).expect("written");
+        let rest = Raster::filled(480, 640, [7, 8, 9]);
+        let what = SceneToWrite { truth: Some(&truth), tactile_background: Some(&rest), ..SceneToWrite::new(&scene) };
+        write_scene(&at, &what).expect("written");
         let back = read_scene(&at).expect("read");
         assert!(back.warnings.is_empty(), "{:?}", back.warnings);
+        assert_eq!(back.tactile_background.as_ref(), Some(&rest));
         assert_eq!(back.truth, Some(at.join("truth.ply")));
         let (a, b) = (&scene, &back.scene);
         assert_eq!((&a.name, &a.sensor, a.pose_sigma), (&b.name, &b.sensor, b.pose_sigma));

@@ -1,5 +1,5 @@
-use super::error::read_bytes;
 use super::IoError;
+use super::error::read_bytes;
 use crate::tactile::compact::Weights;
 use std::path::Path;
 

@@ -12,8 +12,8 @@ mod touches;
 mod ycb_sight;
 
 pub use camera::{CameraParams, look_at};
-pub use presses::{Disturbance, 
-    LightParams, PressRecord, PressSample, PressSampler, PressSetParams, Primitive, simulated_lookup_table,
+pub use presses::{
+    Disturbance, LightParams, PressRecord, PressSample, PressSampler, PressSetParams, Primitive, simulated_lookup_table,
 };
 pub use scene::{SimulateError, SimulateParams, SimulatedScene, place, simulate_scene};
 pub use shapes::Solid;

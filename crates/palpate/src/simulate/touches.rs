@@ -93,7 +93,10 @@ impl TactileImages {
     pub fn no_contact(self, optics: &TactileOptics) -> Result<Raster<[u8; 3]>, SimulateError> {
         let sensor = optics.sensor();
         let (rows, cols) = (sensor.height, sensor.width);
-        self.render(optics, &Contact { height_map: sensor.relaxed(rows, cols), mask: Raster::filled(rows, cols, false) })
+        self.render(
+            optics,
+            &Contact { height_map: sensor.relaxed(rows, cols), mask: Raster::filled(rows, cols, false) },
+        )
     }
 }
 

@@ -108,16 +108,7 @@ fn simulate_at(
         .collect();
     let pose_sigma = PoseSigma { translation: params.pose_sigma_translation, rotation: params.pose_sigma_rotation };
     let name = name.to_owned();
-    Ok(YcbSightObject {
-        name,
-        depth_cloud,
-        camera,
-        world_from_camera,
-        sensor,
-        pose_sigma,
-        touches,
-        tactile_background,
-    })
+    Ok(YcbSightObject { name, depth_cloud, camera, world_from_camera, sensor, pose_sigma, touches, tactile_background })
 }
 
 /// Camera-frame points of the pixels that read something, row-major.

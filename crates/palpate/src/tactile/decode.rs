@@ -88,7 +88,9 @@ pub enum DecodeError {
         limit: f32,
     },
     /// The network was trained for another sensor.
-    #[error("the image is of sensor '{found}', the weights are for '{needed}': train some for this sensor (`palpate train compact`)")]
+    #[error(
+        "the image is of sensor '{found}', the weights are for '{needed}': train some for this sensor (`palpate train compact`)"
+    )]
     OtherSensor {
         /// Model of the image's sensor.
         found: String,

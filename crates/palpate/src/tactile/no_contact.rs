@@ -88,7 +88,8 @@ impl NoContact {
     pub fn difference(&self, image: &Raster<[u8; 3]>) -> Result<Raster<[f32; 3]>, DecodeError> {
         let factor = self.multiple(image)?;
         let light = self.check_light(image)?;
-        let minus = |value: [f32; 3], reference: &[u8; 3]| [0, 1, 2].map(|k| light.undo(value[k]) - f32::from(reference[k]));
+        let minus =
+            |value: [f32; 3], reference: &[u8; 3]| [0, 1, 2].map(|k| light.undo(value[k]) - f32::from(reference[k]));
         if factor == 1 {
             let pairs = image.as_slice().iter().zip(self.image.as_slice());
             let data = pairs.map(|(pixel, reference)| minus(pixel.map(f32::from), reference)).collect();
@@ -153,7 +154,8 @@ impl NoContact {
             return Err(DecodeError::ChannelsSwapped { found, reversed });
         }
         if found > LIGHT_DOUBT {
-            let of_all = |f: &dyn Fn(f32, f32) -> f32| median(pairs().flat_map(|(a, b)| [0, 1, 2].map(|k| f(a[k], b[k]))));
+            let of_all =
+                |f: &dyn Fn(f32, f32) -> f32| median(pairs().flat_map(|(a, b)| [0, 1, 2].map(|k| f(a[k], b[k]))));
             let gain = Light { gain: of_all(&|a, b| a / b.max(1.0)), offset: 0.0 };
             let offset = Light { gain: 1.0, offset: of_all(&|a, b| a - b) };
             let left = |light: &Light| median(pairs().map(|(a, b)| off(a.map(|v| light.undo(v)), b)));
@@ -285,7 +287,8 @@ mod tests {
         assert!(matches!(with(&|p| p.map(|v| v - 40)), Err(DecodeError::OtherLight { .. })));
         // What a robot meets: brighter or darker as a whole, a few levels of drift, a JPEG's noise.
         for gain in [0.8f32, 1.2] {
-            let difference = with(&|p| p.map(|v| (f32::from(v) * gain).round() as u8)).expect("a gain that is divided out");
+            let difference =
+                with(&|p| p.map(|v| (f32::from(v) * gain).round() as u8)).expect("a gain that is divided out");
             assert!(difference.as_slice().iter().all(|d| d.iter().all(|v| v.abs() < 2.0)), "{gain}");
         }
         assert!(with(&|p| p.map(|v| (f32::from(v) * 1.05) as u8)).is_ok());

@@ -65,9 +65,8 @@ fn presses_look_as_published_and_no_other_convention_does() {
     // JPEG at quality 95, four times in this difference, costs 0.9 alone.
     assert!(right <= 1.5, "{right}");
     let grey = Raster::filled(480, 640, [128; 3]);
-    let with = |from: &dyn Fn(usize) -> usize| {
-        TactileOptics::new(sensor(), table(&folder, from), &grey).expect("consistent")
-    };
+    let with =
+        |from: &dyn Fn(usize) -> usize| TactileOptics::new(sensor(), table(&folder, from), &grey).expect("consistent");
     let same = error(&folder, &with(&|j| j), 1.0, false);
     assert!((same - right).abs() < 0.1, "the shipped float16 table: {right}, the original: {same}");
     // atan2(column, row) instead of atan2(row, column) is π/2 minus the angle: a quarter of the bins.

@@ -4,9 +4,9 @@ use crate::progress::StageClock;
 use crate::report;
 use anyhow::{Context as _, bail};
 use palpate::geometry::PointCloud;
-use palpate::tactile::{NoContact, TactileDecoder};
 use palpate::io::{self, SceneFile};
 use palpate::pipeline::{self, Method, ReconstructParams, Reconstruction, Stages, Surface};
+use palpate::tactile::{NoContact, TactileDecoder};
 use std::path::{Path, PathBuf};
 
 #[derive(clap::Args)]

@@ -40,8 +40,7 @@ impl LightAugment {
             let v = 2.0 * row as f32 / rows as f32;
             let (r, fv) = (v as usize, v.fract());
             // Knots of this row, so that only columns are left to interpolate.
-            let line: [[f32; 4]; 3] =
-                knots.map(|k| std::array::from_fn(|c| k[r][c] * (1.0 - fv) + k[r + 1][c] * fv));
+            let line: [[f32; 4]; 3] = knots.map(|k| std::array::from_fn(|c| k[r][c] * (1.0 - fv) + k[r + 1][c] * fv));
             for col in 0..cols {
                 let u = 3.0 * col as f32 / cols as f32;
                 let (c, fu) = (u as usize, u.fract());
@@ -86,11 +85,7 @@ impl Press {
             augment.apply(&mut difference, background, rng);
         }
         let depth = height_map.as_slice().iter().zip(relaxed.as_slice()).map(|(z, g)| (g - z) * 1e3).collect();
-        Ok(Self {
-            difference,
-            depth: Raster::from_vec(WORKING_SIZE.0, WORKING_SIZE.1, depth).expect(raster),
-            mask,
-        })
+        Ok(Self { difference, depth: Raster::from_vec(WORKING_SIZE.0, WORKING_SIZE.1, depth).expect(raster), mask })
     }
 
     /// Steps of the depth to the next column and the next row, mm; 0 over the border.

@@ -105,11 +105,7 @@ impl<B: AutodiffBackend> Task<B> for GradientTask<'_> {
         ]
     }
 
-    fn validate(
-        &self,
-        model: &LocalNetwork<B::InnerBackend>,
-        device: &B::Device,
-    ) -> Result<Vec<f64>, DataError> {
+    fn validate(&self, model: &LocalNetwork<B::InnerBackend>, device: &B::Device) -> Result<Vec<f64>, DataError> {
         let mut sums = [0.0f64; 4];
         for &index in self.0.validation(Stage::Gradient) {
             let [input, truth, weight] = self.planes(index)?;

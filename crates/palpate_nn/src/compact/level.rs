@@ -74,8 +74,7 @@ impl<B: AutodiffBackend> Task<B> for LevelTask<'_> {
 
     fn batch(&self, indices: &[usize], rng: &mut Pcg64) -> Result<Levels, DataError> {
         let loaded = self.shared.for_each(indices, rng, |index, mut rng| self.planes(index, Some(&mut rng)))?;
-        let mut batch =
-            Levels { count: loaded.len(), input: Vec::new(), truth: Vec::new(), contact: Vec::new() };
+        let mut batch = Levels { count: loaded.len(), input: Vec::new(), truth: Vec::new(), contact: Vec::new() };
         for [input, truth, contact] in loaded {
             batch.input.extend_from_slice(input.as_slice());
             batch.truth.extend_from_slice(truth.as_slice());

@@ -73,13 +73,7 @@ const VALIDATION: usize = 400;
 impl<'a> CompactTask<'a> {
     /// * `samples` – 320 × 240
     /// * `split`, `command` – for the weight file
-    pub fn new(
-        samples: &'a dyn Samples,
-        parts: &'a Parts,
-        config: &CompactConfig,
-        split: &str,
-        command: &str,
-    ) -> Self {
+    pub fn new(samples: &'a dyn Samples, parts: &'a Parts, config: &CompactConfig, split: &str, command: &str) -> Self {
         let provenance = Provenance {
             sensor: samples.sensor().model.clone(),
             input: WORKING_SIZE,
@@ -154,7 +148,8 @@ pub fn train_compact<B: AutodiffBackend>(
 
     let (run, again) = part(Stage::Gradient)?;
     let gradient = GradientTask(task.clone());
-    let done = train::<B, _>(&gradient, &config.gradient, &run, again, device, &mut |event| watch(Stage::Gradient, event))?;
+    let done =
+        train::<B, _>(&gradient, &config.gradient, &run, again, device, &mut |event| watch(Stage::Gradient, event))?;
     if done.ended == Ended::Stopped {
         return Ok(Ended::Stopped);
     }

@@ -41,8 +41,7 @@ fn a_small_network_learns_a_small_batch_by_heart() {
         config.run.schedule = Schedule::Constant;
         config.run.epochs = 1;
         let samples = presses(4, 64, 64);
-        let parts =
-            Parts { train: (0..4).cycle().take(4 * 30).collect(), validation: vec![0], test: vec![] };
+        let parts = Parts { train: (0..4).cycle().take(4 * 30).collect(), validation: vec![0], test: vec![] };
         let task = palpate_nn::tactile::FcrnTask::new(&samples, parts, config.clone(), "tiny", "test");
         let mut losses = Vec::new();
         let mut watch = |event: Event<'_>| {

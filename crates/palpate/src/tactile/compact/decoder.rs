@@ -56,11 +56,11 @@ impl TactileDecoder for CompactDecoder {
         if NoContact::is_untouched(&difference) {
             return Ok(Contact { height_map: relaxed, mask: Raster::filled(rows, cols, false) });
         }
-        let felt =
-            indentation(&self.model.gradient, &self.model.level, &difference, &relaxed, &self.integrator);
+        let felt = indentation(&self.model.gradient, &self.model.level, &difference, &relaxed, &self.integrator);
         let touched = 1e-3 * felt.peak > CONTACT_FLOOR;
         let mask = self.model.mask.run(&felt).map(|&logit| touched && logit > 0.0);
-        let heights = relaxed.as_slice().iter().zip(felt.depth.as_slice()).map(|(g, d)| g - 1e-3 * d.max(-MOST_BULGE_MM));
+        let heights =
+            relaxed.as_slice().iter().zip(felt.depth.as_slice()).map(|(g, d)| g - 1e-3 * d.max(-MOST_BULGE_MM));
         let height_map = Raster::from_vec(rows, cols, heights.collect()).expect("of the working size");
         Ok(Contact { height_map, mask })
     }

@@ -147,7 +147,10 @@ impl MaskMap {
 /// Layers with a rectifier between them, none after the last.
 fn run_layers(layers: &[Convolution], input: Planes) -> Planes {
     let last = layers.len() - 1;
-    layers.iter().enumerate().fold(input, |x, (i, layer)| if i < last { layer.forward_relu(&x) } else { layer.forward(&x) })
+    layers
+        .iter()
+        .enumerate()
+        .fold(input, |x, (i, layer)| if i < last { layer.forward_relu(&x) } else { layer.forward(&x) })
 }
 
 /// Input of the gradient map, 14 × rows/2 × cols/2: the 2 × 2 blocks of the difference, and the place.

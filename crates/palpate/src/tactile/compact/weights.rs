@@ -72,9 +72,7 @@ impl Weights {
         for (name, view) in file.tensors() {
             let data: Vec<f32> = match view.dtype() {
                 Dtype::F32 => view.data().as_chunks().0.iter().map(|&b| f32::from_le_bytes(b)).collect(),
-                Dtype::F16 => {
-                    view.data().as_chunks().0.iter().map(|&b| half::f16::from_le_bytes(b).to_f32()).collect()
-                }
+                Dtype::F16 => view.data().as_chunks().0.iter().map(|&b| half::f16::from_le_bytes(b).to_f32()).collect(),
                 other => {
                     let found = format!("{other:?} {:?}", view.shape());
                     return Err(WeightsError::Shape { name, found, needed: "F16 or F32".to_owned() });

@@ -19,6 +19,8 @@ pub struct PhotometricTable {
     cells: Vec<[[f32; TERMS]; 3]>,
 }
 
+/// Slope under which a place is flat: far under the 0.0127 rad of a table's first cell.
+const FLAT_SLOPE: f32 = 1e-5;
 /// Terms of the polynomial: x² y² xy x y 1.
 const TERMS: usize = 6;
 
@@ -95,9 +97,10 @@ pub(crate) fn surface_directions(height: &Raster<f32>) -> Raster<(f32, f32)> {
             let at = row * cols + col;
             let by_row = 0.5 * (values[at + cols] - values[at - cols]);
             let by_col = 0.5 * (values[at + 1] - values[at - 1]);
-            // A flat place has direction 0, also where the differences are −0.
-            if by_row != 0.0 || by_col != 0.0 {
-                line[col] = (by_row.hypot(by_col).atan(), by_row.atan2(by_col));
+            // A flat place has direction 0; rounding must not give it another, whose colour may differ by tens of levels.
+            let slope = by_row.hypot(by_col);
+            if slope > FLAT_SLOPE {
+                line[col] = (slope.atan(), by_row.atan2(by_col));
             }
         }
         line[0] = line[1];

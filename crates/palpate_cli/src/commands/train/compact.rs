@@ -42,8 +42,7 @@ pub(super) fn run(args: &Args) -> anyhow::Result<Outcome> {
                         log.names.iter().zip(&row.values).map(|(n, v)| format!("{n} {v:.4}")).collect();
                     let mark = if best { " (best)" } else { "" };
                     let (name, loss) = (stage.name(), row.train_loss);
-                    let line =
-                        format!("{name}, epoch {:.2}: loss {loss:.4}, {}{mark}", row.epoch, values.join(", "));
+                    let line = format!("{name}, epoch {:.2}: loss {loss:.4}, {}{mark}", row.epoch, values.join(", "));
                     bar.suspend(|| eprintln!("{line}"));
                 }
                 plotted = plot::write(&args.output.join(stage.name()).join("curves.svg"), log);

@@ -208,7 +208,8 @@ fn decode_press<'a>(
 /// What the rows depend on beside object, image and decoder.
 fn conditions(args: &Args, dataset: &Dataset, split: Option<&ObjectSplit>, images: usize) -> String {
     let name = |path: &PathBuf| path.file_name().unwrap_or_default().to_string_lossy().into_owned();
-    let split = split.map_or_else(|| "no split".to_owned(), |s| format!("split {} ({})", s.name, args.part.part().name()));
+    let split =
+        split.map_or_else(|| "no split".to_owned(), |s| format!("split {} ({})", s.name, args.part.part().name()));
     format!(
         "palpate {} benchmark tactile, data set {} (sensor {}), {images} images, {split}, background {}{}",
         env!("CARGO_PKG_VERSION"),
@@ -224,8 +225,12 @@ fn notes(args: &Args, split: Option<&ObjectSplit>, conditions: &str) -> Vec<Stri
         (None, _) => {
             "**No split was given: learned decoders may have been trained on these objects.** Baselines are not concerned."
         }
-        (Some(_), SplitPart::Test) => "Objects of the split's test list: no learned decoder of this split has seen them.",
-        (Some(_), SplitPart::Train) => "**Train = test: learned decoders of this split were trained on these objects.**",
+        (Some(_), SplitPart::Test) => {
+            "Objects of the split's test list: no learned decoder of this split has seen them."
+        }
+        (Some(_), SplitPart::Train) => {
+            "**Train = test: learned decoders of this split were trained on these objects.**"
+        }
         (Some(_), SplitPart::Validation) => {
             "**Validation objects: they decided which weights of learned decoders of this split were kept.**"
         }
