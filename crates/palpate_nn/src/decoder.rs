@@ -1,10 +1,10 @@
 //! FCRN as a [`TactileDecoder`].
 
-use crate::Cpu;
 use crate::config::{Input, Target, TrainConfig};
 use crate::data::resize;
 use crate::fcrn::{Fcrn, FcrnConfig, FcrnError};
 use crate::weights::{WeightFile, WeightsError, host_values};
+use crate::{Cpu, CpuDevice};
 use burn::prelude::*;
 use palpate::geometry::Raster;
 use palpate::tactile::{Contact, DecodeError, NoContact, TactileDecoder, TactileSensor, mask_from_height};
@@ -77,7 +77,7 @@ impl Trained {
             return Err(FcrnDecoderError::Head { found: name(!is_height), needed: name(is_height) });
         }
         let sensor = file.provenance.sensor.clone();
-        let empty = Fcrn::<Cpu>::zeros(config, &Default::default())?;
+        let empty = Fcrn::<Cpu>::zeros(config, &CpuDevice)?;
         let network = file.load_into(empty, &config.architecture())?;
         Ok((Self { network, run }, sensor))
     }
@@ -95,7 +95,7 @@ impl Trained {
         }
         let mut values = Vec::with_capacity(channels.len());
         self.run.data.input.encode(&channels, &mut values);
-        let input = Tensor::from_data(TensorData::new(values, [1, 3, rows, cols]), &Default::default());
+        let input = Tensor::from_data(TensorData::new(values, [1, 3, rows, cols]), &CpuDevice);
         let output = host_values(self.network.forward(input));
         let output = Raster::from_vec(rows, cols, output).expect("the size of the input");
         resize(&output, OUTPUT_SIZE.0, OUTPUT_SIZE.1)

@@ -332,7 +332,7 @@ mod tests {
         nan[9] = f64::NAN;
         let nan = LookupTable::from_arrays((&shape, &zeros), (&shape, &nan));
         assert!(matches!(nan, Err(LookupTableError::Value { name: "grad_dir", cell: 9, .. })));
-        let few = [CalibrationSample { scaled_difference: [0.0; 3], slope: [f32::NAN, 0.0] }; 2000];
+        let few = vec![CalibrationSample { scaled_difference: [0.0; 3], slope: [f32::NAN, 0.0] }; 2000];
         assert!(matches!(LookupTable::calibrate(few), Err(LookupTableError::TooFewSamples { found: 0, .. })));
     }
 

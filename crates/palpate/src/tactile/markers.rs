@@ -32,7 +32,9 @@ pub fn fill_markers(image: &Raster<[u8; 3]>, mask: &Raster<bool>) -> Raster<[u8;
         (0..3).for_each(|k| sum[k] += pixel[k]);
         count += 1.0;
     }
-    holes.iter().for_each(|&hole| filled[hole] = sum.map(|s| s / count.max(1.0)));
+    for &hole in &holes {
+        filled[hole] = sum.map(|s| s / count.max(1.0));
+    }
     for _ in 0..SWEEPS {
         for &(row, col) in &holes {
             let near = [

@@ -296,7 +296,7 @@ impl LevelNetwork {
 
     /// Multiply-adds; the global summary's are too few to count.
     fn cost(&self) -> usize {
-        let at = |size: usize| WORKING_SIZE.0 * WORKING_SIZE.1 / 16 >> (2 * size);
+        let at = |size: usize| (WORKING_SIZE.0 * WORKING_SIZE.1 / 16) >> (2 * size);
         let down = self.down.iter().enumerate().map(|(i, (enter, blocks))| {
             enter.cost(at(i)) + blocks.iter().flatten().map(|c| c.cost(at(i + 1))).sum::<usize>()
         });

@@ -131,7 +131,9 @@ impl Planes {
     pub(super) fn add_per_channel(&mut self, values: &[f32]) {
         let size = self.rows * self.cols;
         for (plane, v) in self.data.chunks_exact_mut(size).zip(values) {
-            plane.iter_mut().for_each(|p| *p += v);
+            for p in plane {
+                *p += v;
+            }
         }
     }
 

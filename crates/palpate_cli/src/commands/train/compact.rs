@@ -58,7 +58,7 @@ pub(super) fn run(args: &Args) -> anyhow::Result<Outcome> {
             &config,
             folder,
             args.resume,
-            &Default::default(),
+            &palpate_nn::CpuDevice,
             &mut watch,
         ),
         #[cfg(feature = "cuda")]
