@@ -1,4 +1,6 @@
 //! Dots in the gel, and how a press moves them.
+//!
+//! Longer than most files for its tests: half of it holds the closed forms that the superposition is checked against.
 
 use super::nnls::nnls;
 use super::point_response::{Influence, InfluenceTable, PointResponse};
