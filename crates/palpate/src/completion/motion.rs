@@ -20,6 +20,9 @@ impl Copying {
     }
 }
 
+/// What an accepted plane counts at least: one that shows the unseen side has little support of its own.
+const LEAST_SCORE: f64 = 0.3;
+
 /// All motions that the accepted symmetries generate and the completion uses.
 ///
 /// Planes (at most four): each one, all pairs and one triple product. A continuous axis replaces the pairs: it is taken at angles
@@ -39,9 +42,10 @@ pub fn copyings(symmetry: &Symmetry, radius: f64, arc: f64) -> Vec<Copying> {
         .accepted
         .iter()
         .filter_map(|h| match &h.element {
-            SymmetryElement::Reflection(p) => {
-                Some((*p, Copying { motion: Motion::reflection(p), score: h.score.value(), family: 0 }))
-            }
+            SymmetryElement::Reflection(p) => Some((
+                *p,
+                Copying { motion: Motion::reflection(p), score: h.score.value().max(LEAST_SCORE), family: 0 },
+            )),
             _ => None,
         })
         .take(4)

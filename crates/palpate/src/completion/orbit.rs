@@ -25,6 +25,9 @@ pub struct OrbitParams {
     pub weight: f64,
     /// Score from which a hypothesis has the full weight.
     pub full_score: f64,
+    /// What the normal of a moved sample counts, relative to its position. Larger: touches shift the guessed surface as a whole instead of
+    /// denting it.
+    pub orientation: f64,
 }
 
 impl Default for OrbitParams {
@@ -38,6 +41,7 @@ impl Default for OrbitParams {
             arc: 8e-3,
             weight: 0.05,
             full_score: 0.4,
+            orientation: 5.0,
         }
     }
 }

@@ -36,7 +36,7 @@ pub(super) fn reconstruct(
     stages.begin("fuse");
     let measured: Vec<WeightedSample> =
         evidence.measured.iter().map(|s| weighted(s, params.full_weight_sigma)).collect();
-    let guessed = guessed_samples(&moved);
+    let guessed = guessed_samples(&moved, params.orbit.orientation);
     let mesh = match params.surface() {
         Surface::Implicit => implicit_mesh(&evidence, &measured, &guessed, params, stages),
         other => point_mesh(&measured, &guessed, other, params)?,
@@ -66,11 +66,16 @@ pub(super) fn reconstruct(
 /// A measurement weighs 1 up to a σ of `full`, then falls as 1/σ².
 fn weighted(sample: &Sample, full: f64) -> WeightedSample {
     let weight = (full / sample.sigma.max(1e-9)).powi(2).min(1.0);
-    WeightedSample { position: sample.position, normal: sample.normal, weight }
+    WeightedSample { position: sample.position, normal: sample.normal, weight, orientation: weight }
 }
 
-fn guessed_samples(moved: &MovedEvidence) -> Vec<WeightedSample> {
-    let sample = |(s, &weight): (&Sample, &f64)| WeightedSample { position: s.position, normal: s.normal, weight };
+fn guessed_samples(moved: &MovedEvidence, orientation: f64) -> Vec<WeightedSample> {
+    let sample = |(s, &weight): (&Sample, &f64)| WeightedSample {
+        position: s.position,
+        normal: s.normal,
+        weight,
+        orientation: weight * orientation,
+    };
     moved.kept.iter().zip(&moved.weights).map(sample).collect()
 }
 

@@ -3,6 +3,7 @@ use super::estimate::{Hypothesis, Rejection, hypothesis};
 use super::params::SymmetryParams;
 use super::planes::same;
 use super::refine::refine_perpendicular;
+use super::resting::impossible;
 use super::score::{Score, Scorer, Tolerances};
 use crate::geometry::{Plane, Vector};
 
@@ -12,6 +13,8 @@ const SAME_OFFSET: f64 = 0.004;
 /// Planes count as perpendicular below this cosine and as parallel above that one.
 const PERPENDICULAR: f64 = 0.17;
 const PARALLEL: f64 = 0.97;
+/// Score by which a found plane must beat the one half way up.
+const CLEARLY: f64 = 0.1;
 
 /// Whether the evidence accepts an element with this score; else why not.
 ///
@@ -30,15 +33,25 @@ pub(super) fn judge(scorer: &Scorer, element: &SymmetryElement, score: &Score) -
         return Some(Rejection::Opposed { allowed });
     }
     match element {
-        SymmetryElement::Reflection(_) => {
+        SymmetryElement::Reflection(plane) => {
             let allowed = params.felt_opposition;
-            (score.felt_opposition > allowed).then_some(Rejection::Felt { allowed })
+            if score.felt_opposition > allowed {
+                return Some(Rejection::Felt { allowed });
+            }
+            impossible(scorer, plane)
         }
         SymmetryElement::Axis { point, direction, .. } => {
+            let allowed = params.axis_felt_opposition;
+            if score.felt_opposition > allowed {
+                return Some(Rejection::Felt { allowed });
+            }
             let share = scorer.misfits(point, direction);
             (share > params.misfits).then_some(Rejection::Misfits { share })
         }
-        SymmetryElement::Sphere { .. } => None,
+        SymmetryElement::Sphere { .. } => {
+            let allowed = params.sphere_opposition;
+            (score.opposition() > allowed).then_some(Rejection::Opposed { allowed })
+        }
     }
 }
 
@@ -61,6 +74,7 @@ pub(super) fn resolve_conflicts(
     mut planes: Vec<Hypothesis>,
     axis: Option<&Vector>,
 ) -> Vec<Hypothesis> {
+    settle_resting(&mut planes);
     let opposition = |h: &Hypothesis| h.score.opposition() / h.score.informative.max(1e-9);
     planes.sort_by(|a, b| opposition(a).total_cmp(&opposition(b)));
     let mut kept: Vec<usize> = Vec::new();
@@ -74,6 +88,10 @@ pub(super) fn resolve_conflicts(
                 planes[i] = h;
             }
         }
+        if plane_of(&planes[i]).is_some_and(|p| axis.is_some_and(|a| oblique(&p, a))) {
+            planes[i].rejection = Some(Rejection::AgainstAxis);
+            continue;
+        }
         let conflict = kept.iter().copied().find_map(|k| conflict(scorer, &planes[i], &planes[k], axis));
         match conflict {
             Some(rejection) => planes[i].rejection = Some(rejection),
@@ -82,6 +100,29 @@ pub(super) fn resolve_conflicts(
         }
     }
     planes
+}
+
+/// Of the plane half way up (the last of `planes`) and the found planes almost parallel to it only one can be right: contact with the
+/// support decides for the former, unless a found one scores clearly better.
+fn settle_resting(planes: &mut [Hypothesis]) {
+    let Some((resting, found)) = planes.split_last_mut() else { return };
+    let Some(plane) = plane_of(resting).filter(|_| resting.rejection.is_none()) else { return };
+    for h in found {
+        let parallel = plane_of(h).is_some_and(|p| p.normal.dot(&plane.normal).abs() > PARALLEL);
+        if !parallel || h.rejection.is_some() {
+            continue;
+        }
+        if h.score.value() > resting.score.value() + CLEARLY {
+            resting.rejection = Some(Rejection::Redundant);
+            return;
+        }
+        h.rejection = Some(Rejection::Redundant);
+    }
+}
+
+/// Whether a plane neither holds an axis of revolution nor cuts it at a right angle: with both, the object would be a ball.
+fn oblique(plane: &Plane, axis: &Vector) -> bool {
+    (0.2..PARALLEL).contains(&plane.normal.dot(axis).abs())
 }
 
 fn plane_of(h: &Hypothesis) -> Option<Plane> {
@@ -109,7 +150,11 @@ fn conflict(scorer: &Scorer, new: &Hypothesis, old: &Hypothesis, axis: Option<&V
     }
     let cosine = p.normal.dot(&q.normal).abs();
     let contains = |plane: &Plane| axis.is_some_and(|a| plane.normal.dot(a).abs() < 0.2);
-    if cosine < PERPENDICULAR || (contains(p) && contains(q)) {
+    if contains(p) && contains(q) {
+        // The axis implies them all; one is kept for what the body of revolution leaves out, a handle.
+        return Some(Rejection::Redundant);
+    }
+    if cosine < PERPENDICULAR {
         return None;
     }
     if cosine > PARALLEL {

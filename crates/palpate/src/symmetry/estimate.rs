@@ -2,8 +2,9 @@ use super::accept::{confidence, judge, resolve_conflicts};
 use super::axes::{normal_line_center, same_line, search_axes};
 use super::element::SymmetryElement;
 use super::params::SymmetryParams;
-use super::planes::{same, search_planes};
-use super::refine::{covariance, refine};
+use super::planes::{same, search_offsets, search_planes};
+use super::refine::{covariance, refine, refine_offset};
+use super::resting::resting_plane;
 use super::score::{Score, Scorer, Tolerances};
 use crate::evidence::Evidence;
 use crate::geometry::{Plane, Point, Vector};
@@ -64,6 +65,18 @@ pub enum Rejection {
         /// That plane.
         with: Plane,
     },
+    /// It would turn a vessel upside down: much of the object looks at the object, and a vessel is open above and closed below.
+    Vessel {
+        /// Share of the samples that look at the object.
+        share: f64,
+    },
+    /// It neither holds the accepted axis of revolution nor cuts it at a right angle.
+    AgainstAxis,
+    /// The object would float above its support, or sink into it.
+    Floats {
+        /// By this much, metres.
+        height: f64,
+    },
     /// It adds nothing to the accepted ones.
     Redundant,
 }
@@ -114,8 +127,10 @@ impl SymmetryEstimator for EvidenceSearch {
         }
         let mut symmetry = Symmetry::default();
         let direction = pick_axis(&scorer, axes, &mut symmetry);
-        let hypotheses: Vec<Hypothesis> =
+        let mut hypotheses: Vec<Hypothesis> =
             planes.par_iter().map(|(p, s)| hypothesis(&scorer, SymmetryElement::Reflection(*p), *s)).collect();
+        hypotheses.extend(direction.and_then(|d| plane_across(&scorer, &d)));
+        hypotheses.extend(resting_plane(&scorer, direction.as_ref()));
         for h in resolve_conflicts(&scorer, hypotheses, direction.as_ref()) {
             if h.rejection.is_none() { &mut symmetry.accepted } else { &mut symmetry.rejected }.push(h);
         }
@@ -196,6 +211,14 @@ fn sphere(scorer: &Scorer) -> Option<(Hypothesis, Hypothesis)> {
     let accepted = sphere.rejection.is_none() && axes.iter().all(|h| h.rejection.is_none());
     let [a, b] = axes;
     accepted.then(|| if b.score.value() > a.score.value() { (sphere.clone(), b) } else { (sphere, a) })
+}
+
+/// The best plane perpendicular to an accepted axis: the search, which knows nothing of the axis, may have refined it away.
+fn plane_across(scorer: &Scorer, axis: &Vector) -> Option<Hypothesis> {
+    let plane = search_offsets(scorer, axis)?;
+    let fine = Tolerances::fine(scorer.params);
+    let (element, score) = refine_offset(scorer, &plane, &fine);
+    Some(hypothesis(scorer, element, score))
 }
 
 fn across(view: &Vector) -> Unit<Vector> {

@@ -10,6 +10,7 @@ mod estimate;
 mod params;
 mod planes;
 mod refine;
+mod resting;
 mod score;
 
 pub use element::{Motion, SymmetryElement};

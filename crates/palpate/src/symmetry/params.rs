@@ -57,6 +57,18 @@ pub struct SymmetryParams {
     /// Opposition allowed of the felt samples alone, for planes. Larger: touches that contradict a plane are outvoted by what is seen. A right
     /// plane has a few hundredths, an approximate one a tenth.
     pub felt_opposition: f64,
+    /// The same for axes. Smaller, since an axis claims more: handles are few of the touches.
+    pub axis_felt_opposition: f64,
+    /// Opposition allowed of a sphere. Larger: lemons pass as balls. Balls have at most 0.008.
+    pub sphere_opposition: f64,
+    /// Opposition allowed of the plane half way up, which needs no support; larger: objects that are not alike above and below pass.
+    /// Right ones have at most 0.02, wrong ones with little support at least 0.05.
+    pub resting_slack: f64,
+    /// Further opposition allowed to it per informative support.
+    pub resting_ratio: f64,
+    /// Share of the samples that look at the object itself from which it is a vessel, which is not alike above and below. Larger: cups pass
+    /// as tubes. Cups have 0.2 and more, tools with loops up to 0.1.
+    pub hollowness: f64,
     /// Share of samples that may leave a body of revolution: handles and spouts. Larger: boxes with a square base pass as cylinders.
     pub misfits: f64,
     /// At most this many planes are accepted: composed, more add nothing.
@@ -84,6 +96,11 @@ impl Default for SymmetryParams {
             axis_ratio: 0.25,
             slack: 0.01,
             felt_opposition: 0.25,
+            axis_felt_opposition: 0.1,
+            sphere_opposition: 0.015,
+            resting_slack: 0.02,
+            resting_ratio: 0.06,
+            hollowness: 0.15,
             misfits: 0.35,
             planes: 4,
         }
@@ -114,6 +131,11 @@ impl SymmetryParams {
             ("axis_ratio", self.axis_ratio),
             ("slack", self.slack),
             ("felt_opposition", self.felt_opposition),
+            ("axis_felt_opposition", self.axis_felt_opposition),
+            ("sphere_opposition", self.sphere_opposition),
+            ("resting_slack", self.resting_slack),
+            ("resting_ratio", self.resting_ratio),
+            ("hollowness", self.hollowness),
             ("misfits", self.misfits),
         ];
         for (field, value) in shares {

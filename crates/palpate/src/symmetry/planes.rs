@@ -35,6 +35,21 @@ pub(super) fn search_planes(scorer: &Scorer) -> Vec<Plane> {
     distinct(&planes, &scorer.centroid, params.plane_candidates, SAME_COSINE, SAME_OFFSET)
 }
 
+/// The best offset of a plane with a given normal; `None` if none lands anywhere.
+pub(super) fn search_offsets(scorer: &Scorer, normal: &Vector) -> Option<Plane> {
+    let params = scorer.params;
+    let tolerances = Tolerances::coarse(params);
+    let (low, high) = extent(scorer, normal);
+    let count = 4 * params.offsets;
+    let at = |k: usize| low + (high - low) * (k as f64 + 0.5) / count as f64;
+    let planes = (0..count).filter_map(|k| Plane::new(*normal, &Point::from(normal * at(k))));
+    let scored = planes.map(|plane| {
+        let element = SymmetryElement::Reflection(plane);
+        (scorer.score(&element, &tolerances, params.search_samples).value(), plane)
+    });
+    scored.max_by(|a, b| a.0.total_cmp(&b.0)).filter(|best| best.0 > 0.0).map(|best| best.1)
+}
+
 /// The first `count` planes that differ from all before them.
 pub(super) fn distinct(planes: &[Plane], at: &Point, count: usize, cosine: f64, offset: f64) -> Vec<Plane> {
     let mut kept: Vec<Plane> = Vec::new();

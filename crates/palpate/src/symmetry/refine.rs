@@ -96,6 +96,14 @@ pub(super) fn refine_perpendicular(
     Some((best, scorer.score(&best, &fine, params.refine_samples)))
 }
 
+/// The best plane near `start` with its normal.
+pub(super) fn refine_offset(scorer: &Scorer, start: &Plane, tolerances: &Tolerances) -> (SymmetryElement, Score) {
+    let (start, votes) = (SymmetryElement::Reflection(*start), scorer.params.refine_samples);
+    let axes = [[0.0, 0.0, scorer.radius, 0.0]];
+    let best = climb(scorer, &start, tolerances, votes, [STEPS[1], STEPS[2]], &axes);
+    (best, scorer.score(&best, tolerances, votes))
+}
+
 /// Steps along `axes`, which hold the change of the parameters of [`perturbed`] per unit step.
 fn climb(
     scorer: &Scorer,

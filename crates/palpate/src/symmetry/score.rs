@@ -90,6 +90,11 @@ const PAD_DEPTH: f64 = 0.004;
 const VOTE_CELL: f64 = 0.004;
 /// Fewer felt votes than this weigh less on their own.
 const LEAST_FELT: f64 = 12.0;
+/// Votes that tell how hollow the object is; what is nearer than this along the normal is the same surface, metres; and what is within
+/// this of the line along the normal is met by it.
+const HOLLOW_VOTES: usize = 1200;
+const HOLLOW_NEAR: f64 = 0.008;
+const HOLLOW_WIDTH: f64 = 0.004;
 /// Length of the table of rotations for axes and spheres.
 const TURNS: usize = 64;
 
@@ -102,6 +107,8 @@ pub(super) struct Scorer<'a> {
     pub(super) centroid: Point,
     /// Half the diagonal of the samples' box, metres.
     pub(super) radius: f64,
+    /// See [`hollowness`].
+    pub(super) hollowness: f64,
     turns: Vec<(f64, f64)>,
     spins: Vec<Rotation3<f64>>,
 }
@@ -124,7 +131,8 @@ impl<'a> Scorer<'a> {
         };
         // The angle's sequence must not run in step with the axis'.
         let spins = (0..TURNS).map(|k| Rotation3::from_axis_angle(&axis(k * 37 % TURNS), turn(k))).collect();
-        Self { evidence, params, votes, centroid, radius, turns, spins }
+        let hollowness = hollowness(&votes[..votes.len().min(HOLLOW_VOTES)]);
+        Self { evidence, params, votes, centroid, radius, hollowness, turns, spins }
     }
 
     /// Scores an element on the first `count` votes.
@@ -281,4 +289,16 @@ fn voters(samples: &[Sample]) -> Vec<Sample> {
     keyed.sort_unstable();
     keyed.dedup_by_key(|k| k.0);
     keyed.into_iter().map(|(_, i)| samples[i]).collect()
+}
+
+/// Share of the votes that look at another part of the object from near: the inner side of a vessel's wall. 0 for a convex body.
+fn hollowness(votes: &[Sample]) -> f64 {
+    let looks_at_another = |p: &&Sample| {
+        votes.iter().any(|q| {
+            let d = q.position - p.position;
+            let along = d.dot(&p.normal);
+            along > HOLLOW_NEAR && (d - p.normal * along).norm_squared() < HOLLOW_WIDTH * HOLLOW_WIDTH
+        })
+    };
+    votes.iter().filter(looks_at_another).count() as f64 / votes.len().max(1) as f64
 }

@@ -177,6 +177,15 @@ fn reason(rejection: Rejection) -> String {
             let n = with.normal;
             format!("in conflict with the plane of normal ({:.2}, {:.2}, {:.2})", n.x, n.y, n.z)
         }
+        Rejection::Floats { height } => {
+            let way = if height > 0.0 { "float above" } else { "sink into" };
+            format!("the object would {way} its support by {:.1} mm", 1e3 * height.abs())
+        }
+        Rejection::Vessel { share } => format!(
+            "a vessel is open above and closed below ({:.0} % of the samples look at the object)",
+            100.0 * share
+        ),
+        Rejection::AgainstAxis => "oblique to the accepted axis".to_owned(),
         Rejection::Redundant => "adds nothing to the accepted ones".to_owned(),
         other => format!("{other:?}"),
     }

@@ -24,7 +24,7 @@ pub fn implicit_surface(cloud: &PointCloud, params: &ImplicitParams) -> Result<T
         let Some(normal) = n.try_normalize(1e-300) else {
             return Err(SurfaceError::ZeroNormal { index, length: n.norm() });
         };
-        measured.push(WeightedSample { position: *p, normal, weight: 1.0 });
+        measured.push(WeightedSample { position: *p, normal, weight: 1.0, orientation: 1.0 });
     }
     let bounds = cloud.bounds().ok_or(SurfaceError::TooFewPoints { found: 0, needed: LEAST_POINTS })?;
     let spacing = 1.3 * median_spacing(cloud);

@@ -16,6 +16,7 @@ struct Placed {
     base: u32,
     frac: [f32; 3],
     weight: f32,
+    orientation: f32,
     normal: [f32; 3],
 }
 
@@ -30,7 +31,7 @@ impl DataTerm {
                 let (base, frac) = level.locate(&s.position)?;
                 let normal = [s.normal.x as f32, s.normal.y as f32, s.normal.z as f32];
                 let base = level.index(base[0], base[1], base[2]) as u32;
-                Some(Placed { base, frac, weight: s.weight as f32, normal })
+                Some(Placed { base, frac, weight: s.weight as f32, orientation: s.orientation as f32, normal })
             })
             .collect();
         placed.sort_by_key(|s| s.base);
@@ -65,7 +66,7 @@ impl DataTerm {
     pub(super) fn diagonal_plane(&self, level: &Level, k: usize, out: &mut [f32]) {
         self.for_each_corner(level, k, out, |s, _, c| {
             let r = s.coefficients(c);
-            s.weight * (r[0] * r[0] + r[1] * r[1] + r[2] * r[2] + r[3] * r[3])
+            s.weight * r[0] * r[0] + s.orientation * (r[1] * r[1] + r[2] * r[2] + r[3] * r[3])
         });
     }
 
@@ -94,7 +95,8 @@ impl DataTerm {
 
 impl Placed {
     fn weighted(&self, row: Row) -> Row {
-        row.map(|v| v * self.weight)
+        let [value, x, y, z] = row;
+        [value * self.weight, x * self.orientation, y * self.orientation, z * self.orientation]
     }
 
     /// Trilinear value and gradient at the sample.

@@ -34,8 +34,10 @@ pub struct WeightedSample {
     pub position: Point,
     /// Outward unit normal.
     pub normal: Vector,
-    /// 1 for a measurement, less for a guess.
+    /// How much its position counts: 1 for a measurement, less for a guess.
     pub weight: f64,
+    /// How much its normal counts. A guess knows the shape better than the place.
+    pub orientation: f64,
 }
 
 /// A lower bound of the signed distance at a point, metres, positive in proven free space; ≤ 0 or −∞ where nothing is proven.
@@ -103,7 +105,7 @@ fn solve_dense(problem: &ImplicitProblem, params: &ImplicitParams) -> Level {
     let winding = prior::Winding::new(&winding_samples, winding_spacing);
     let moved_share = problem.guessed.len() as f64 / problem.measured.len().max(1) as f64;
     let with_hull = moved_share > params.prior.hull_from_share;
-    let hull = with_hull.then(|| prior::Hull::new(&winding_samples));
+    let hull = with_hull.then(|| prior::Hull::new(&winding_samples, params.prior.hull_turn));
     let mut prior_params = params.prior.clone();
     if !with_hull {
         prior_params.winding_threshold = prior_params.winding_threshold_unguessed;
@@ -272,7 +274,7 @@ mod tests {
                 Vector::new(r * a.cos(), r * a.sin(), z)
             })
             .filter(keep)
-            .map(|n| WeightedSample { position: Point::from(n * radius), normal: n, weight: 1.0 })
+            .map(|n| WeightedSample { position: Point::from(n * radius), normal: n, weight: 1.0, orientation: 1.0 })
             .collect()
     }
 

@@ -43,6 +43,8 @@ pub struct PriorParams {
     pub hull_weight: f64,
     /// The hull is grown by this much, metres.
     pub hull_margin: f64,
+    /// The hull ends in a direction if samples within this of its extreme face that way, metres. Larger: the hull trusts edges.
+    pub hull_turn: f64,
     /// Hull and `winding_threshold` are used from this ratio of guessed to measured samples on: the hull of the visible side alone
     /// would cut the hidden side off.
     pub hull_from_share: f64,
@@ -84,7 +86,7 @@ impl Default for ImplicitParams {
             free_weight: 2.0,
             sample_spacing: 0.8,
             band_cells: 3,
-            tolerance: 1e-3,
+            tolerance: 5e-3,
             component_share: 0.02,
             prior: PriorParams::default(),
         }
@@ -100,6 +102,7 @@ impl Default for PriorParams {
             winding_sample_spacing: 4e-3,
             hull_weight: 0.05,
             hull_margin: 4e-3,
+            hull_turn: 4e-3,
             hull_from_share: 0.15,
         }
     }

@@ -49,7 +49,11 @@ impl Winding {
     }
 }
 
-/// A slightly too large convex hull of points: the intersection of half-spaces in evenly spread directions.
+/// Cosine from which a sample faces a direction.
+const FACING: f64 = 0.8;
+
+/// A slightly too large convex hull of samples: the intersection of half-spaces in evenly spread directions, of those in which the
+/// surface is seen to turn back. Where the evidence just ends (the rim of the visible side), its hull says nothing of what lies beyond.
 pub(super) struct Hull {
     supports: Vec<(Vector, f64)>,
 }
@@ -57,18 +61,22 @@ pub(super) struct Hull {
 impl Hull {
     const DIRECTIONS: usize = 192;
 
-    pub(super) fn new(samples: &[WeightedSample]) -> Self {
+    /// `margin` – a sample within it of the extreme may show that the surface turns there, metres
+    pub(super) fn new(samples: &[WeightedSample], margin: f64) -> Self {
         let golden = std::f64::consts::PI * (3.0 - 5.0f64.sqrt());
-        let supports = (0..Self::DIRECTIONS)
+        let supports: Vec<Option<(Vector, f64)>> = (0..Self::DIRECTIONS)
             .into_par_iter()
             .map(|i| {
                 let z = 1.0 - (2 * i + 1) as f64 / Self::DIRECTIONS as f64;
                 let (r, a) = ((1.0 - z * z).sqrt(), golden * i as f64);
                 let d = Vector::new(r * a.cos(), r * a.sin(), z);
-                (d, samples.iter().map(|s| d.dot(&s.position.coords)).fold(f64::NEG_INFINITY, f64::max))
+                let extreme = samples.iter().map(|s| d.dot(&s.position.coords)).fold(f64::NEG_INFINITY, f64::max);
+                let facing = |s: &&WeightedSample| d.dot(&s.normal) > FACING;
+                let faces = samples.iter().filter(facing).any(|s| d.dot(&s.position.coords) > extreme - margin);
+                faces.then_some((d, extreme))
             })
-            .collect();
-        Self { supports }
+            .collect::<Vec<_>>();
+        Self { supports: supports.into_iter().flatten().collect() }
     }
 
     /// How far `p` is outside (a lower bound), metres; ≤ 0 inside.
@@ -112,7 +120,7 @@ mod tests {
                 let z = 1.0 - (2 * i + 1) as f64 / count as f64;
                 let (r, a) = ((1.0 - z * z).sqrt(), golden * i as f64);
                 let n = Vector::new(r * a.cos(), r * a.sin(), z);
-                WeightedSample { position: Point::from(n * 0.1), normal: n, weight: 1.0 }
+                WeightedSample { position: Point::from(n * 0.1), normal: n, weight: 1.0, orientation: 1.0 }
             })
             .collect();
         // The area rule assumes one sample per cut cube; here the density is known, so compare after scaling.
@@ -120,7 +128,7 @@ mod tests {
         let inside = w.at(&Point::origin());
         assert!((inside - 1.0).abs() < 0.15, "{inside}");
         assert!(w.at(&Point::new(0.3, 0.0, 0.0)).abs() < 0.05);
-        let hull = Hull::new(&samples);
+        let hull = Hull::new(&samples, 0.01);
         assert!(hull.outside(&Point::origin()) < -0.09);
         assert!((hull.outside(&Point::new(0.0, 0.0, 0.15)) - 0.05).abs() < 2e-3);
     }

@@ -36,18 +36,19 @@ fn octant(n: &Vector) -> u8 {
 
 /// The weighted mean sample and the length of its mean normal.
 fn average<'a>(samples: impl Iterator<Item = &'a WeightedSample>) -> (WeightedSample, f64) {
-    let (mut p, mut n, mut w, mut count) = (Vector::zeros(), Vector::zeros(), 0.0, 0.0);
+    let (mut p, mut n, mut w, mut o, mut count) = (Vector::zeros(), Vector::zeros(), 0.0, 0.0, 0.0);
     let mut last = Vector::z();
     for s in samples {
         p += s.position.coords * s.weight;
         n += s.normal * s.weight;
         w += s.weight;
+        o += s.orientation;
         count += 1.0;
         last = s.normal;
     }
     let length = n.norm() / w;
     let normal = n.try_normalize(1e-12).unwrap_or(last);
-    (WeightedSample { position: Point::from(p / w), normal, weight: w / count }, length)
+    (WeightedSample { position: Point::from(p / w), normal, weight: w / count, orientation: o / count }, length)
 }
 
 #[cfg(test)]
@@ -60,6 +61,7 @@ mod tests {
             position: Point::new(x, 0.1, 0.1),
             normal: Vector::new(n, 0.0, 0.0),
             weight: 1.0,
+            orientation: 1.0,
         };
         let out = thinned(&[at(0.1, -1.0), at(0.2, -1.0), at(0.8, 1.0)], 1.0);
         assert_eq!(out.len(), 2);
