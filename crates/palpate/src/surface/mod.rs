@@ -11,8 +11,8 @@ pub use ball_pivoting::{BallPivotingParams, ball_pivoting};
 pub use error::SurfaceError;
 pub use hole_filling::fill_holes;
 pub use implicit::{
-    FreeBound, ImplicitField, ImplicitParams, ImplicitProblem, PriorParams, WeightedSample, implicit_surface,
-    solve_implicit,
+    FreeBound, ImplicitField, ImplicitParams, ImplicitProblem, PriorParams, ShellParams, WeightedSample,
+    implicit_surface, solve_implicit,
 };
 pub use isosurface::{LATTICE_LIMIT, crossing_cells, extract_isosurface};
 pub use poisson::{PoissonParams, PoissonSurface, screened_poisson};

@@ -13,6 +13,8 @@ const SAME_OFFSET: f64 = 0.004;
 /// Planes count as perpendicular below this cosine and as parallel above that one.
 const PERPENDICULAR: f64 = 0.17;
 const PARALLEL: f64 = 0.97;
+/// Contradiction per informative support from which touches may reject an axis.
+const BESIDE: f64 = 0.1;
 /// Score by which a found plane must beat the one half way up.
 const CLEARLY: f64 = 0.1;
 
@@ -41,8 +43,9 @@ pub(super) fn judge(scorer: &Scorer, element: &SymmetryElement, score: &Score) -
             impossible(scorer, plane)
         }
         SymmetryElement::Axis { point, direction, .. } => {
+            // A touched handle violates an axis that is right; only beside the surface, not beyond it, a touch speaks of another shape.
             let allowed = params.axis_felt_opposition;
-            if score.felt_opposition > allowed {
+            if score.felt_opposition > allowed && score.contradiction > BESIDE * score.informative {
                 return Some(Rejection::Felt { allowed });
             }
             let share = scorer.misfits(point, direction);

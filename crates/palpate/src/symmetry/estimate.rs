@@ -308,6 +308,26 @@ mod tests {
     }
 
     #[test]
+    fn what_lies_flat_is_alike_above_and_below() {
+        // From above, next to nothing of the sides is seen; only contact with the support tells how far down it reaches.
+        let half = 0.006;
+        let solids = [
+            Solid::Box(Point::new(0.0, 0.0, half), Vector::new(0.05, 0.012, half), 0.3),
+            Solid::Box(Point::new(0.04, 0.025, half), Vector::new(0.012, 0.02, half), 0.3),
+        ];
+        let (angle, offset) = nearest(&estimate(&solids, &[]), Vector::z(), &Point::new(0.0, 0.0, half));
+        assert!(angle < 2.0 && offset < 0.0007, "off by {angle}°, {offset} m");
+    }
+
+    #[test]
+    fn a_cone_is_not_alike_above_and_below() {
+        let level = Point::new(0.0, 0.0, 0.02);
+        let solids = [Solid::Cylinder(level, 0.04, 0.02), Solid::Cylinder(Point::new(0.0, 0.0, 0.055), 0.02, 0.015)];
+        let symmetry = estimate(&solids, &[]);
+        assert!(symmetry.planes().all(|p| p.normal.z.abs() < 0.5), "{:?}", symmetry.accepted);
+    }
+
+    #[test]
     fn a_touch_on_the_hidden_side_rejects_a_plane_that_it_contradicts() {
         // From the front this is a box; a step as wide as it is hides behind it.
         let (center, half, yaw) = (Point::new(0.0, 0.0, 0.03), Vector::new(0.02, 0.04, 0.03), 20.0_f64.to_radians());

@@ -13,6 +13,7 @@ use std::path::{Path, PathBuf};
 #[command(after_help = "Examples:
   palpate reconstruct samples/mustard_bottle --output bottle.ply
   palpate reconstruct scene --output mug.glb --pick 320,240 --report mug.json --keep mug_steps
+  palpate reconstruct plate --output plate.ply --wall 2
   palpate reconstruct scenes/* --output meshes/ --method paper --surface ball-pivoting
 
 Exit status 3: a mesh was written, but something was lost on the way (a touch left out, the object cut by the image border).")]
@@ -32,6 +33,9 @@ pub(crate) struct Args {
     /// Pixel on the object, when the scene has no mask and several things stand on the table.
     #[arg(long, value_name = "U,V", value_parser = super::clean::pixel)]
     pick: Option<(f64, f64)>,
+    /// The object is a shell (plate, bowl, cup) with a wall this thick: what nobody measured behind it is cut away.
+    #[arg(long, value_name = "MM")]
+    wall: Option<f64>,
     /// Use only the first N touches.
     #[arg(long, value_name = "N")]
     max_touches: Option<usize>,
@@ -157,6 +161,9 @@ fn effective_params(args: &Args) -> anyhow::Result<ReconstructParams> {
     }
     if let Some(pick) = args.pick {
         params.segment.pick = Some(pick);
+    }
+    if let Some(wall) = args.wall {
+        params.implicit.shell.wall = Some(1e-3 * wall);
     }
     params.max_touches = args.max_touches.or(params.max_touches);
     params.seed = args.seed.unwrap_or(params.seed);

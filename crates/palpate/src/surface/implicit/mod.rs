@@ -14,11 +14,12 @@ mod hessian;
 mod level;
 mod params;
 mod prior;
+mod shell;
 mod solver;
 mod thin;
 
 pub use cloud::implicit_surface;
-pub use params::{ImplicitParams, PriorParams};
+pub use params::{ImplicitParams, PriorParams, ShellParams};
 
 use super::isosurface::extract_isosurface;
 use crate::geometry::{Aabb, Point, TriangleMesh, Vector};
@@ -66,9 +67,15 @@ pub struct ImplicitField {
 ///
 /// Dense levels: O(cells · iterations); band: O(surface / spacing² · iterations) arithmetic, O(box / spacing³) bytes.
 pub fn solve_implicit(problem: &ImplicitProblem, params: &ImplicitParams) -> ImplicitField {
+    let is_shell = shell::is_shell(problem, &params.shell);
+    let fine = ImplicitParams { spacing: params.spacing.min(params.shell.spacing), ..params.clone() };
+    let params = if is_shell { &fine } else { params };
     let mut level = solve_dense(problem, params);
     for spacing in band_spacings(&level.surface_box(1.5), level.spacing, params) {
         level = solve_band(&level, spacing, problem, params);
+    }
+    if let Some(wall) = params.shell.wall {
+        shell::clamp(&mut level, problem, wall);
     }
     level.close_border();
     let anchors: Vec<Point> = problem.measured.iter().map(|s| s.position).collect();

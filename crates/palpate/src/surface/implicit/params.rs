@@ -23,8 +23,31 @@ pub struct ImplicitParams {
     pub tolerance: f64,
     /// Components with a smaller share of the measured samples are dropped.
     pub component_share: f64,
+    /// When the object is a shell, and what follows.
+    pub shell: ShellParams,
     /// What is taken to be outside where nothing is known.
     pub prior: PriorParams,
+}
+
+/// Parameters of shells: bowls and plates, thinner than the grid resolves.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct ShellParams {
+    /// The thickness of the wall if the user knows that the object is a shell, metres: what lies deeper behind the surface is cut away.
+    /// One view of a plate cannot tell it from a mound. Absent: nothing is cut, and the evidence decides about the spacing.
+    pub wall: Option<f64>,
+    /// Share of the samples with an opposing sample close behind them from which the object is a shell. Larger: fewer are.
+    pub pairs: f64,
+    /// Their median distance up to which it is one, metres. Larger: thicker walls count.
+    pub thickest: f64,
+    /// Spacing of the finest grid of a shell, metres.
+    pub spacing: f64,
+}
+
+impl Default for ShellParams {
+    fn default() -> Self {
+        Self { wall: None, pairs: 0.25, thickest: 1.5e-3, spacing: 0.75e-3 }
+    }
 }
 
 /// Parameters of the outside prior.
@@ -56,7 +79,7 @@ impl ImplicitParams {
     /// # Errors
     /// [`SurfaceError::InvalidParameter`] names the first that is out of range.
     pub fn validate(&self) -> Result<(), SurfaceError> {
-        let rules: [(&'static str, f64, f64); 8] = [
+        let rules: [(&'static str, f64, f64); 10] = [
             ("implicit.spacing", self.spacing, f64::MIN_POSITIVE),
             ("implicit.dense_cells", self.dense_cells as f64, 1000.0),
             ("implicit.max_nodes", self.max_nodes as f64, 1000.0),
@@ -64,6 +87,8 @@ impl ImplicitParams {
             ("implicit.sample_spacing", self.sample_spacing, 1e-3),
             ("implicit.band_cells", self.band_cells as f64, 1.0),
             ("implicit.tolerance", self.tolerance, f64::MIN_POSITIVE),
+            ("implicit.shell.spacing", self.shell.spacing, f64::MIN_POSITIVE),
+            ("implicit.shell.wall", self.shell.wall.unwrap_or(1.0), f64::MIN_POSITIVE),
             ("implicit.prior.winding_sample_spacing", self.prior.winding_sample_spacing, f64::MIN_POSITIVE),
         ];
         for (field, value, least) in rules {
@@ -88,6 +113,7 @@ impl Default for ImplicitParams {
             band_cells: 3,
             tolerance: 5e-3,
             component_share: 0.02,
+            shell: ShellParams::default(),
             prior: PriorParams::default(),
         }
     }

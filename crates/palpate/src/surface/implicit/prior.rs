@@ -132,4 +132,19 @@ mod tests {
         assert!(hull.outside(&Point::origin()) < -0.09);
         assert!((hull.outside(&Point::new(0.0, 0.0, 0.15)) - 0.05).abs() < 2e-3);
     }
+
+    #[test]
+    fn the_hull_of_a_seen_half_does_not_end_behind() {
+        let half: Vec<WeightedSample> = (0..2000)
+            .map(|i| {
+                let z = 1.0 - (i as f64 + 0.5) / 2000.0;
+                let (r, a) = ((1.0 - z * z).sqrt(), 2.4 * i as f64);
+                let n = Vector::new(r * a.cos(), r * a.sin(), z);
+                WeightedSample { position: Point::from(n * 0.05), normal: n, weight: 1.0, orientation: 1.0 }
+            })
+            .collect();
+        let hull = Hull::new(&half, 4e-3);
+        assert!(hull.outside(&Point::new(0.0, 0.0, -0.04)) < 0.0, "nothing turns back there");
+        assert!(hull.outside(&Point::new(0.0, 0.0, 0.06)) > 9e-3, "the seen side does");
+    }
 }
