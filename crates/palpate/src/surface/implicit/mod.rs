@@ -17,6 +17,7 @@ mod prior;
 mod shell;
 mod solver;
 mod thin;
+mod update;
 
 pub use cloud::implicit_surface;
 pub use params::{ImplicitParams, PriorParams, ShellParams};
