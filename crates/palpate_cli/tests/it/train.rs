@@ -22,7 +22,9 @@ impl Lesson {
         let mut records: serde_json::Value =
             serde_json::from_slice(&std::fs::read(&index).expect("there")).expect("JSON");
         let presses = records.as_array_mut().expect("a list of presses");
-        presses.iter_mut().for_each(|press| press["object"] = "002_master_chef_can".into());
+        for press in presses {
+            press["object"] = "002_master_chef_can".into();
+        }
         std::fs::write(&index, records.to_string()).expect("written");
         std::fs::write(lesson.path("split.toml"), SPLIT).expect("written");
         std::fs::write(lesson.path("tiny.toml"), parameters()).expect("written");
@@ -144,7 +146,7 @@ fn a_checkpoint_that_cannot_be_finished_leaves_the_one_before_to_resume_from() {
     lesson.train("set", "tiny.toml", "run", &["--epochs", "1"]).expect(0, &[]);
     let (files, before) = (names(&lesson.path("run")), lesson.read("run/checkpoint.safetensors"));
     // No file may grow to the size of the checkpoint, as on a disk that fills up: the system refuses the bytes beyond.
-    let blocks = (lesson.read("run/best.safetensors").len() + before.len()) / 2 / 512;
+    let blocks = usize::midpoint(lesson.read("run/best.safetensors").len(), before.len()) / 512;
     let limited = format!("trap '' XFSZ; ulimit -f {blocks}; exec \"$@\"");
     let program = assert_cmd::cargo::cargo_bin!("palpate").display().to_string();
     let arguments = lesson.arguments("set", "tiny.toml", "run", &["--resume"]);

@@ -9,6 +9,7 @@ use palpate_nn::train::{Ended, Event, Metric, MetricLog, Outcome, RunFolder, Sch
 use palpate_nn::weights::{Architecture, Precision, Provenance, TensorFile, WeightFile, named_tensors};
 use palpate_nn::{Cpu, CpuAutodiff, CpuDevice};
 use rand_pcg::Pcg64;
+use std::collections::VecDeque;
 use std::ops::ControlFlow;
 use std::sync::Mutex;
 use tempfile::TempDir;
@@ -115,15 +116,16 @@ fn rows_after_the_checkpoint_are_dropped_on_resume_and_other_runs_are_refused() 
 struct Scripted<'a> {
     task: FcrnTask<'a>,
     /// First metric of each validation.
-    validations: Mutex<std::vec::IntoIter<f64>>,
+    validations: Mutex<VecDeque<f64>>,
     /// What the loss of each step is multiplied by; 1 once they are used up.
-    losses: Mutex<std::vec::IntoIter<f32>>,
+    losses: Mutex<VecDeque<f32>>,
 }
 
 impl<'a> Scripted<'a> {
     fn new(task: FcrnTask<'a>, validations: &[f64], losses: &[f32]) -> Self {
-        let validations = Mutex::new(validations.to_vec().into_iter());
-        Self { task, validations, losses: Mutex::new(losses.to_vec().into_iter()) }
+        let validations = Mutex::new(validations.iter().copied().collect());
+        let losses = Mutex::new(losses.iter().copied().collect());
+        Self { task, validations, losses }
     }
 }
 
@@ -153,7 +155,7 @@ impl Task<CpuAutodiff> for Scripted<'_> {
         rng: &mut Pcg64,
         device: &CpuDevice,
     ) -> Tensor<CpuAutodiff, 1> {
-        let factor = self.losses.lock().expect("one thread").next().unwrap_or(1.0);
+        let factor = self.losses.lock().expect("one thread").pop_front().unwrap_or(1.0);
         self.task.loss(model, batch, rng, device).mul_scalar(factor)
     }
     fn metrics(&self) -> &[Metric] {
@@ -161,7 +163,7 @@ impl Task<CpuAutodiff> for Scripted<'_> {
     }
     fn validate(&self, model: &Fcrn<Cpu>, device: &CpuDevice) -> Result<Vec<f64>, DataError> {
         let mut values = Task::<CpuAutodiff>::validate(&self.task, model, device)?;
-        values[0] = self.validations.lock().expect("one thread").next().unwrap_or(values[0]);
+        values[0] = self.validations.lock().expect("one thread").pop_front().unwrap_or(values[0]);
         Ok(values)
     }
 }
