@@ -10,7 +10,7 @@ check:
 
 # The whole default suite, under a minute once built
 test:
-    cargo test --workspace
+    cargo test --workspace --features palpate_cli/nn
 
 # Style
 lint:

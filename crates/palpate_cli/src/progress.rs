@@ -2,6 +2,7 @@
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use std::cell::RefCell;
+use std::io::IsTerminal as _;
 use std::sync::Once;
 use std::time::{Duration, Instant};
 
@@ -43,6 +44,16 @@ impl StageClock {
         let ends = stages.iter().skip(1).map(|s| s.1).chain([Instant::now()]);
         stages.iter().zip(ends).map(|(s, end)| (s.0, (end - s.1).as_secs_f64())).collect()
     }
+}
+
+/// A bar of known length, on a terminal only.
+///
+/// * `template` – of indicatif
+pub(crate) fn progress_bar(count: usize, template: &str) -> ProgressBar {
+    let target =
+        if std::io::stderr().is_terminal() { ProgressDrawTarget::stderr() } else { ProgressDrawTarget::hidden() };
+    let style = ProgressStyle::with_template(template).expect("the template is valid");
+    ProgressBar::with_draw_target(Some(count as u64), target).with_style(style)
 }
 
 /// A bar that appears once the work has taken two seconds, and only on a terminal.

@@ -1,12 +1,13 @@
 //! FCRN as a [`TactileDecoder`].
 
 use crate::config::{Input, Target, TrainConfig};
-use crate::data::resize;
+use crate::data::small_image;
 use crate::fcrn::{Fcrn, FcrnConfig, FcrnError};
 use crate::weights::{WeightFile, WeightsError, host_values};
 use crate::{Cpu, CpuDevice};
 use burn::prelude::*;
 use palpate::geometry::Raster;
+use palpate::tactile::resample::resize;
 use palpate::tactile::{Contact, DecodeError, NoContact, TactileDecoder, TactileSensor, mask_from_height};
 use std::path::Path;
 
@@ -85,13 +86,10 @@ impl Trained {
     /// The network's output for an image, at [`OUTPUT_SIZE`].
     fn run(&self, image: &Raster<[u8; 3]>, background: &Raster<[u8; 3]>) -> Raster<f32> {
         let (rows, cols) = (self.run.data.rows, self.run.data.cols);
-        let plane = |raster: &Raster<[u8; 3]>, k: usize| resize(&raster.map(|p| f32::from(p[k])), rows, cols);
-        let mut channels = Vec::with_capacity(3 * rows * cols);
-        for k in 0..3 {
-            let (image, background) = (plane(image, k), plane(background, k));
-            let pairs = image.as_slice().iter().zip(background.as_slice());
-            let subtract = self.run.data.input == Input::Difference;
-            channels.extend(pairs.map(|(v, b)| if subtract { v - b } else { *v }));
+        let mut channels = small_image(image, (rows, cols));
+        if self.run.data.input == Input::Difference {
+            let background = small_image(background, (rows, cols));
+            channels.iter_mut().zip(background).for_each(|(v, b)| *v -= b);
         }
         let mut values = Vec::with_capacity(channels.len());
         self.run.data.input.encode(&channels, &mut values);

@@ -28,6 +28,32 @@ pub(crate) fn norm<B: Backend>(channels: usize, device: &B::Device) -> BatchNorm
     BatchNormConfig::new(channels).init(device)
 }
 
+/// What [`BatchNorm::forward`] computes, without its broadcasts along the middle axis, for which the CPU back end has no fast path.
+///
+/// Each channel of each image is one row of a matrix, and statistics, scale and shift are one column of it.
+pub(crate) fn normalize<B: Backend>(norm: &BatchNorm<B>, x: Tensor<B, 4>) -> Tensor<B, 4> {
+    let dims @ [batch, channels, rows, cols] = x.dims();
+    let x = x.reshape([batch * channels, rows * cols]);
+    let column = |of: Tensor<B, 2>| of.repeat_dim(0, batch).reshape([batch * channels, 1]);
+    let mean = |of: Tensor<B, 2>| of.mean_dim(1).reshape([batch, channels]).mean_dim(0);
+    let line = |of: Tensor<B, 1>| of.reshape([1, channels]);
+    let scale = |var: Tensor<B, 2>| line(norm.gamma.val()).div(var.add_scalar(norm.epsilon).sqrt());
+    let beta = line(norm.beta.val());
+    if !B::ad_enabled(&x.device()) {
+        let scale = scale(line(norm.running_var.value()));
+        let shift = beta.sub(line(norm.running_mean.value()).mul(scale.clone()));
+        return x.mul(column(scale)).add(column(shift)).reshape(dims);
+    }
+    let centre = mean(x.clone());
+    let centred = x.sub(column(centre.clone()));
+    let var = mean(centred.clone().mul(centred.clone()));
+    for (running, now) in [(&norm.running_mean, centre), (&norm.running_var, var.clone())] {
+        let now = now.detach().reshape([channels]).mul_scalar(norm.momentum);
+        running.update(running.value_sync().mul_scalar(1.0 - norm.momentum).add(now).detach());
+    }
+    centred.mul(column(scale(var))).add(column(beta)).reshape(dims)
+}
+
 /// A map of twice the size: `even_even` at (2r, 2c), `even_odd` at (2r, 2c + 1), `odd_even` at (2r + 1, 2c), and so on.
 pub(crate) fn interleave<B: Backend>(
     even_even: Tensor<B, 4>,
@@ -36,10 +62,13 @@ pub(crate) fn interleave<B: Backend>(
     odd_odd: Tensor<B, 4>,
 ) -> Tensor<B, 4> {
     let [batch, channels, rows, cols] = even_even.dims();
-    let wide = [batch, channels, rows, 2 * cols];
-    let even = Tensor::stack::<5>(vec![even_even, even_odd], 4).reshape(wide);
-    let odd = Tensor::stack::<5>(vec![odd_even, odd_odd], 4).reshape(wide);
-    Tensor::stack::<5>(vec![even, odd], 3).reshape([batch, channels, 2 * rows, 2 * cols])
+    // Across columns by a transposition, which the CPU back end does in tiles; stacking single columns copies value by value.
+    let across = |even, odd| {
+        let both = Tensor::stack::<5>(vec![even, odd], 0).reshape([2, batch * channels * rows * cols]);
+        both.swap_dims(0, 1).reshape([batch, channels, rows, 2 * cols])
+    };
+    let rows_apart = vec![across(even_even, even_odd), across(odd_even, odd_odd)];
+    Tensor::stack::<5>(rows_apart, 3).reshape([batch, channels, 2 * rows, 2 * cols])
 }
 
 /// Bilinear enlargement by two, pixel areas aligned ("align corners" off), edges repeated.

@@ -1,7 +1,7 @@
 //! [`Task`] of the tactile networks: image of the gel to height map or contact mask.
 
 use crate::config::{Input, NetworkConfig, Target, TrainConfig};
-use crate::data::{DataError, Parts, Prepared, Samples};
+use crate::data::{DataError, Parts, Prepared, Samples, small_image};
 use crate::fcrn::{Fcrn, Head};
 use crate::loss::Loss;
 use crate::train::{Better, Metric, Task};
@@ -17,6 +17,8 @@ pub struct FcrnTask<'a> {
     parts: Parts,
     config: TrainConfig,
     provenance: Provenance,
+    /// What is taken off the images, if anything.
+    background: Option<Vec<f32>>,
 }
 
 /// Images and truth of some presses on the host.
@@ -51,7 +53,9 @@ impl<'a> FcrnTask<'a> {
             command: command.to_owned(),
             run: serde_json::to_string(&config).expect("a plain struct"),
         };
-        Self { samples, parts, config, provenance }
+        let size = (config.data.rows, config.data.cols);
+        let background = (config.data.input == Input::Difference).then(|| small_image(samples.background(), size));
+        Self { samples, parts, config, provenance, background }
     }
 
     fn size(&self) -> (usize, usize) {
@@ -63,9 +67,8 @@ impl<'a> FcrnTask<'a> {
     }
 
     fn load(&self, index: usize, rng: Option<&mut Pcg64>) -> Result<Prepared, DataError> {
-        let subtract = self.config.data.input == Input::Difference;
         let augment = rng.map(|rng| (&self.config.augment, rng));
-        Prepared::load(self.samples, index, self.size(), subtract, augment)
+        Prepared::load(self.samples, index, self.size(), self.background.as_deref(), augment)
     }
 
     fn collect(&self, samples: Vec<Prepared>) -> TactileBatch {

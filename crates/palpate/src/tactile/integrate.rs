@@ -1,7 +1,8 @@
 //! Gradients to height on a raster: the Poisson equation solved in one pass by sine or cosine transforms, O(n log n).
 
+use super::sine::{SineBuffers, SineTransform};
 use crate::geometry::Raster;
-use rustdct::{DctPlanner, Dst1, TransformType2And3};
+use rustdct::{DctPlanner, TransformType2And3};
 use std::f64::consts::PI;
 use std::sync::{Arc, Mutex};
 
@@ -16,7 +17,7 @@ pub struct Integrator {
     cols: usize,
     cosine: [Arc<dyn TransformType2And3<f32>>; 2],
     /// Absent where no pixel lies inside the border ring.
-    sine: Option<[Arc<dyn Dst1<f32>>; 2]>,
+    sine: Option<[SineTransform; 2]>,
     /// Eigenvalues of the second difference along columns and rows, Neumann borders.
     neumann: [Vec<f32>; 2],
     /// The same of the inner pixels, zero border.
@@ -29,6 +30,7 @@ struct Buffers {
     field: Vec<f32>,
     transposed: Vec<f32>,
     scratch: Vec<f32>,
+    sine: SineBuffers,
 }
 
 impl std::fmt::Debug for Integrator {
@@ -49,7 +51,7 @@ impl Integrator {
         let (rows, cols) = (rows.max(1), cols.max(1));
         let mut planner = DctPlanner::new();
         let inner = (rows.saturating_sub(2), cols.saturating_sub(2));
-        let sine = (inner.0 > 0 && inner.1 > 0).then(|| [planner.plan_dst1(inner.1), planner.plan_dst1(inner.0)]);
+        let sine = (inner.0 > 0 && inner.1 > 0).then(|| [SineTransform::new(inner.1), SineTransform::new(inner.0)]);
         Self {
             rows,
             cols,
@@ -82,33 +84,23 @@ impl Integrator {
         let Some(sine) = &self.sine else { return height };
         let (rows, cols) = (self.rows - 2, self.cols - 2);
         let mut buffers = self.take_buffers();
-        let Buffers { field, transposed, scratch } = &mut buffers;
+        let Buffers { field, transposed, sine: lines, .. } = &mut buffers;
         field.clear();
         for row in 1..=rows {
             let line = divergence_line(gradients, row);
             field.extend((1..=cols).map(line));
         }
-        let transform = |data: &mut [f32], axis: usize, scratch: &mut Vec<f32>| {
-            let plan = &sine[axis];
-            scratch.resize(plan.get_scratch_len(), 0.0);
-            let length = if axis == 0 { cols } else { rows };
-            for line in data.chunks_exact_mut(length) {
-                // rustdct 0.7.1 reads two cells of the scratch that it never writes.
-                scratch.fill(0.0);
-                plan.process_dst1_with_scratch(line, scratch);
-            }
-        };
-        transform(field, 0, scratch);
+        sine[0].process(field, lines);
         transpose(field, transposed, rows, cols);
-        transform(transposed, 1, scratch);
+        sine[1].process(transposed, lines);
         // Each sine transform is its own inverse up to (n + 1)/2.
         let scale = 4.0 / ((rows + 1) as f32 * (cols + 1) as f32);
         for (line, lx) in transposed.chunks_exact_mut(rows).zip(&self.dirichlet[0]) {
             line.iter_mut().zip(&self.dirichlet[1]).for_each(|(v, ly)| *v *= scale / (lx + ly));
         }
-        transform(transposed, 1, scratch);
+        sine[1].process(transposed, lines);
         transpose(transposed, field, cols, rows);
-        transform(field, 0, scratch);
+        sine[0].process(field, lines);
         for (row, line) in field.chunks_exact(cols).enumerate() {
             let start = (row + 1) * self.cols + 1;
             height.as_mut_slice()[start..start + cols].copy_from_slice(line);
@@ -166,7 +158,7 @@ impl Integrator {
     fn cosine_solve(&self, lambda: f32, fill: impl Fn(usize, &mut Vec<f32>)) -> Raster<f32> {
         let (rows, cols) = self.shape();
         let mut buffers = self.take_buffers();
-        let Buffers { field, transposed, scratch } = &mut buffers;
+        let Buffers { field, transposed, scratch, .. } = &mut buffers;
         field.clear();
         (0..rows).for_each(|row| fill(row, field));
         let transform = |data: &mut [f32], axis: usize, forward: bool, scratch: &mut Vec<f32>| {

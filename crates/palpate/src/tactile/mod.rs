@@ -14,8 +14,9 @@ pub mod optics;
 mod patch;
 mod press;
 mod regressor;
-pub(crate) mod resample;
+pub mod resample;
 mod sensor;
+mod sine;
 mod threshold;
 
 pub use ball::{BallPress, refine_ball};

@@ -3,7 +3,7 @@
 use crate::geometry::Raster;
 
 /// A pixel that can be averaged.
-pub(crate) trait Blend: Copy {
+pub trait Blend: Copy {
     /// Nothing.
     const ZERO: Self;
     /// Adds `weight` of `other`.
@@ -29,7 +29,7 @@ impl<const N: usize> Blend for [f32; N] {
 /// The raster at another size. Both span the same area; pixel centres are at half-integers of it.
 ///
 /// Along an axis that shrinks, a pixel is the mean of the area it covers; along one that grows, it is interpolated linearly.
-pub(crate) fn resize<T: Blend>(source: &Raster<T>, rows: usize, cols: usize) -> Raster<T> {
+pub fn resize<T: Blend>(source: &Raster<T>, rows: usize, cols: usize) -> Raster<T> {
     if source.shape() == (rows, cols) {
         return source.clone();
     }

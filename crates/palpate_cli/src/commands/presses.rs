@@ -1,10 +1,9 @@
 use crate::Outcome;
+use crate::progress::progress_bar;
 use anyhow::{Context as _, bail};
-use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use palpate::io::{PressSetHeader, begin_press_set, has_press_shard, write_press_shard};
 use palpate::simulate::{LightParams, PressSampler, PressSetParams};
 use rayon::prelude::*;
-use std::io::IsTerminal as _;
 use std::path::PathBuf;
 
 #[derive(clap::Args)]
@@ -112,7 +111,8 @@ pub(crate) fn run(args: Args) -> anyhow::Result<Outcome> {
     let (part, parts) = args.shard.unwrap_or((0, 1));
     let todo: Vec<usize> =
         (0..header.shards()).filter(|shard| shard % parts == part && !has_press_shard(&args.output, *shard)).collect();
-    let bar = progress_bar(todo.iter().map(|&s| header.presses_of(s).len()).sum());
+    let missing = todo.iter().map(|&s| header.presses_of(s).len()).sum();
+    let bar = progress_bar(missing, "{bar:40} {pos}/{len} presses, {per_sec}, {eta} left");
     for shard in todo {
         let presses = header
             .presses_of(shard)
@@ -129,12 +129,4 @@ pub(crate) fn run(args: Args) -> anyhow::Result<Outcome> {
     let done = (0..header.shards()).filter(|&s| has_press_shard(&args.output, s)).count();
     println!("{done} of {} shards complete in {}", header.shards(), args.output.display());
     Ok(Outcome::Done)
-}
-
-fn progress_bar(presses: usize) -> ProgressBar {
-    let target =
-        if std::io::stderr().is_terminal() { ProgressDrawTarget::stderr() } else { ProgressDrawTarget::hidden() };
-    let style = ProgressStyle::with_template("{bar:40} {pos}/{len} presses, {per_sec}, {eta} left")
-        .unwrap_or_else(|_| ProgressStyle::default_bar());
-    ProgressBar::with_draw_target(Some(presses as u64), target).with_style(style)
 }

@@ -1,12 +1,11 @@
 use crate::Outcome;
+use crate::progress::progress_bar;
 use anyhow::{Context as _, bail};
-use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use palpate::geometry::TriangleMesh;
 use palpate::io::{SceneToWrite, read_mesh, write_mesh, write_scene, write_ycb_sight};
 use palpate::simulate::{SimulateParams, Solid, TactileImages, TouchParams, simulate_scene, simulate_ycb_sight};
 use palpate::tactile::TactileSensor;
 use rayon::prelude::*;
-use std::io::IsTerminal as _;
 use std::path::{Path, PathBuf};
 
 #[derive(clap::Args)]
@@ -109,7 +108,7 @@ pub(crate) fn run(args: Args) -> anyhow::Result<Outcome> {
     };
     let jobs: Vec<Job> =
         (0..objects.len()).flat_map(|object| views.clone().map(move |view| Job { object, view })).collect();
-    let bar = progress_bar(jobs.len());
+    let bar = progress_bar(jobs.len(), "{bar:40} {pos}/{len} scenes, {eta} left");
     let losses: Vec<Option<String>> = jobs
         .par_iter()
         .map(|job| {
@@ -200,12 +199,4 @@ fn ycb_sight(
     write_mesh(folder.join("truth.ply"), mesh)?;
     let found = made.touches.len();
     Ok((found < 60).then(|| format!("{name}: {found} touches of 60; no other place can be pressed")))
-}
-
-fn progress_bar(jobs: usize) -> ProgressBar {
-    let target =
-        if std::io::stderr().is_terminal() { ProgressDrawTarget::stderr() } else { ProgressDrawTarget::hidden() };
-    let style = ProgressStyle::with_template("{bar:40} {pos}/{len} scenes, {eta} left")
-        .unwrap_or_else(|_| ProgressStyle::default_bar());
-    ProgressBar::with_draw_target(Some(jobs as u64), target).with_style(style)
 }

@@ -9,4 +9,6 @@ mod render;
 mod scene_folder;
 mod simulate;
 mod surface;
+#[cfg(feature = "nn")]
+mod train;
 mod workshop;

@@ -9,7 +9,7 @@ mod split;
 
 pub use augment::Augment;
 pub use error::DataError;
-pub use prepare::{Prepared, resize};
+pub use prepare::{Prepared, small_image};
 pub use press_folder::PressFolder;
 pub use samples::{MemorySamples, PressSample, Samples};
 pub use split::Parts;

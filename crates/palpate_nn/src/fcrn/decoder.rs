@@ -1,10 +1,12 @@
 //! Up-projection: residual enlargement by two.
 
-use crate::layers::{conv, interleave, norm};
+use crate::layers::{conv, interleave, norm, normalize};
 use burn::nn::BatchNorm;
 use burn::nn::conv::Conv2d;
 use burn::prelude::*;
 use burn::tensor::activation::relu;
+use burn::tensor::module::conv2d;
+use burn::tensor::ops::ConvOptions;
 
 /// A 5 × 5 convolution of the zero-interleaved map, as the four convolutions that meet its non-zero pixels (Laina et al.
 /// 2016, Fig. 3), each with a bias of its own.
@@ -26,11 +28,28 @@ impl<B: Backend> Unpool<B> {
         Self { conv3x3: make(3, 3), conv2x3: make(2, 3), conv3x2: make(3, 2), conv2x2: make(2, 2) }
     }
 
+    /// One 3 × 3 convolution does the work of the four: a kernel that begins at the same pixel and is a row or column shorter
+    /// equals one with zeros there.
     fn forward(&self, x: Tensor<B, 4>) -> Tensor<B, 4> {
-        // Padded on all sides, an even kernel gives a row or column more: without it, the padding is before the first only.
-        let [_, _, rows, cols] = x.dims();
-        let part = |conv: &Conv2d<B>| conv.forward(x.clone()).narrow(2, 0, rows).narrow(3, 0, cols);
-        interleave(part(&self.conv3x3), part(&self.conv2x3), part(&self.conv3x2), part(&self.conv2x2))
+        let parts = [&self.conv3x3, &self.conv2x3, &self.conv3x2, &self.conv2x2];
+        let kernels = parts.map(|conv| [2, 3].into_iter().fold(conv.weight.val(), three_long));
+        let biases = parts.map(|conv| conv.bias.as_ref().expect("made with one").val());
+        let same = ConvOptions::new([1, 1], [1, 1], [1, 1], 1);
+        let all = conv2d(x, Tensor::cat(kernels.into(), 0), Some(Tensor::cat(biases.into(), 0)), same);
+        let outputs = all.dims()[1] / parts.len();
+        let [a, b, c, d] = [0, 1, 2, 3].map(|i| all.clone().narrow(1, i * outputs, outputs));
+        interleave(a, b, c, d)
+    }
+}
+
+/// A kernel with zeros at the end of an axis, up to a length of three.
+fn three_long<B: Backend>(kernel: Tensor<B, 4>, axis: usize) -> Tensor<B, 4> {
+    match kernel.dims()[axis] {
+        3 => kernel,
+        n => {
+            let zeros = kernel.clone().narrow(axis, 0, 3 - n).zeros_like();
+            Tensor::cat(vec![kernel, zeros], axis)
+        }
     }
 }
 
@@ -59,8 +78,8 @@ impl<B: Backend> UpProjection<B> {
 
     /// `[n, inputs, h, w]` → `[n, outputs, 2h, 2w]`.
     pub(crate) fn forward(&self, x: Tensor<B, 4>) -> Tensor<B, 4> {
-        let short = self.short_norm.forward(self.short_unpool.forward(x.clone()));
-        let main = relu(self.main_norm1.forward(self.main_unpool.forward(x)));
-        relu(self.main_norm2.forward(self.main_conv.forward(main)).add(short))
+        let short = normalize(&self.short_norm, self.short_unpool.forward(x.clone()));
+        let main = relu(normalize(&self.main_norm1, self.main_unpool.forward(x)));
+        relu(normalize(&self.main_norm2, self.main_conv.forward(main)).add(short))
     }
 }

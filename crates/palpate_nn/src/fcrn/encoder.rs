@@ -1,6 +1,6 @@
 //! ResNet-50 with a width: 64 is the original.
 
-use crate::layers::{conv, norm};
+use crate::layers::{conv, norm, normalize};
 use burn::nn::BatchNorm;
 use burn::nn::PaddingConfig2d;
 use burn::nn::conv::Conv2d;
@@ -22,7 +22,7 @@ impl<B: Backend> ConvNorm<B> {
     }
 
     pub(crate) fn forward(&self, x: Tensor<B, 4>) -> Tensor<B, 4> {
-        self.norm.forward(self.conv.forward(x))
+        normalize(&self.norm, self.conv.forward(x))
     }
 }
 

@@ -34,10 +34,11 @@ pub(crate) fn presses(count: usize, rows: usize, cols: usize) -> MemorySamples {
     MemorySamples { sensor, background, presses }
 }
 
-/// `reduced-*` shrunk to what a test can afford: width 2, 64 × 64, dropout kept so that its random numbers are tested.
+/// `reduced-*` shrunk to what a test can afford: width 2, 64 × 64. With dropout, so that its random numbers are tested.
 pub(crate) fn tiny(preset: &str) -> TrainConfig {
     let mut config = TrainConfig::preset(preset).expect("a preset");
-    (config.network.width, config.data.rows, config.data.cols) = (2, 64, 64);
+    (config.network.width, config.network.dropout, config.data.rows, config.data.cols) = (2, 0.1, 64, 64);
+    (config.run.validate_every, config.run.patience, config.run.clip_norm) = (0, 0, 1.0);
     config.augment = Augment { gain: 0.05, offset: 1.0, noise: 0.5 };
     config.run.batch_size = 4;
     config

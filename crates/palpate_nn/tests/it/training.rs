@@ -1,12 +1,17 @@
 use crate::presses::{presses, split, task, tiny};
 use burn::module::AutodiffModule as _;
+use burn::tensor::Tensor;
 use palpate_nn::config::TrainConfig;
-use palpate_nn::data::{Augment, Parts};
+use palpate_nn::data::{Augment, DataError, Parts};
 use palpate_nn::fcrn::Fcrn;
-use palpate_nn::train::{Ended, Event, MetricLog, Outcome, RunFolder, Schedule, TrainError, train};
-use palpate_nn::weights::{Precision, TensorFile, WeightFile, named_tensors};
+use palpate_nn::tactile::{FcrnTask, TactileBatch};
+use palpate_nn::train::{Ended, Event, Metric, MetricLog, Outcome, RunFolder, Schedule, Task, TrainError, train};
+use palpate_nn::weights::{Architecture, Precision, Provenance, TensorFile, WeightFile, named_tensors};
 use palpate_nn::{Cpu, CpuAutodiff, CpuDevice};
+use rand_pcg::Pcg64;
+use std::collections::VecDeque;
 use std::ops::ControlFlow;
+use std::sync::Mutex;
 use tempfile::TempDir;
 
 fn folder() -> (TempDir, RunFolder) {
@@ -107,18 +112,88 @@ fn rows_after_the_checkpoint_are_dropped_on_resume_and_other_runs_are_refused() 
     assert_eq!(steps, [3, 6]);
 }
 
+/// An [`FcrnTask`] whose validations and losses go as a test needs them.
+struct Scripted<'a> {
+    task: FcrnTask<'a>,
+    /// First metric of each validation.
+    validations: Mutex<VecDeque<f64>>,
+    /// What the loss of each step is multiplied by; 1 once they are used up.
+    losses: Mutex<VecDeque<f32>>,
+}
+
+impl<'a> Scripted<'a> {
+    fn new(task: FcrnTask<'a>, validations: &[f64], losses: &[f32]) -> Self {
+        let validations = Mutex::new(validations.iter().copied().collect());
+        let losses = Mutex::new(losses.iter().copied().collect());
+        Self { task, validations, losses }
+    }
+}
+
+impl Task<CpuAutodiff> for Scripted<'_> {
+    type Model = Fcrn<CpuAutodiff>;
+    type Batch = TactileBatch;
+
+    fn architecture(&self) -> Architecture {
+        Task::<CpuAutodiff>::architecture(&self.task)
+    }
+    fn provenance(&self) -> Provenance {
+        Task::<CpuAutodiff>::provenance(&self.task)
+    }
+    fn model(&self, seed: u64, device: &CpuDevice) -> Fcrn<CpuAutodiff> {
+        self.task.model(seed, device)
+    }
+    fn training_samples(&self) -> usize {
+        Task::<CpuAutodiff>::training_samples(&self.task)
+    }
+    fn batch(&self, indices: &[usize], rng: &mut Pcg64) -> Result<TactileBatch, DataError> {
+        Task::<CpuAutodiff>::batch(&self.task, indices, rng)
+    }
+    fn loss(
+        &self,
+        model: &Fcrn<CpuAutodiff>,
+        batch: TactileBatch,
+        rng: &mut Pcg64,
+        device: &CpuDevice,
+    ) -> Tensor<CpuAutodiff, 1> {
+        let factor = self.losses.lock().expect("one thread").pop_front().unwrap_or(1.0);
+        self.task.loss(model, batch, rng, device).mul_scalar(factor)
+    }
+    fn metrics(&self) -> &[Metric] {
+        Task::<CpuAutodiff>::metrics(&self.task)
+    }
+    fn validate(&self, model: &Fcrn<Cpu>, device: &CpuDevice) -> Result<Vec<f64>, DataError> {
+        let mut values = Task::<CpuAutodiff>::validate(&self.task, model, device)?;
+        values[0] = self.validations.lock().expect("one thread").pop_front().unwrap_or(values[0]);
+        Ok(values)
+    }
+}
+
+/// A run of six epochs of one step, each with a validation.
+fn short(preset: &str) -> TrainConfig {
+    let mut config = tiny(preset);
+    (config.run.epochs, config.run.batch_size, config.run.validate_every) = (6, 12, 1);
+    config
+}
+
+fn run_scripted(
+    config: &TrainConfig,
+    folder: &RunFolder,
+    validations: &[f64],
+    losses: &[f32],
+) -> Result<Outcome<Fcrn<CpuAutodiff>>, TrainError> {
+    let samples = presses(18, 64, 64);
+    let task = Scripted::new(task(&samples, config.clone()), validations, losses);
+    train::<CpuAutodiff, _>(&task, &config.run, folder, false, &CpuDevice, &mut |_| ControlFlow::Continue(()))
+}
+
 #[test]
 fn patience_ends_a_run_that_does_not_improve_and_the_best_weights_can_be_used() {
-    let mut config = tiny("reduced-contact-mask");
-    config.run.epochs = 50;
-    config.run.learning_rate = 1e-12;
-    config.run.patience = 1;
-    config.run.validate_every = 1;
-    config.run.batch_size = 2;
+    let mut config = short("reduced-contact-mask");
+    config.run.patience = 2;
     let (_guard, folder) = folder();
-    // The running statistics alone move the metric, so the network has to stay the same: no step may be an improvement.
-    let outcome = run(&config, &folder, false, 12).expect("trained");
-    assert!(matches!(outcome.ended, Ended::Patience | Ended::Stopped));
+    // Higher is better; an equal value is no improvement.
+    let outcome = run_scripted(&config, &folder, &[0.5, 0.4, 0.6, 0.6, 0.3], &[]).expect("trained");
+    assert_eq!((outcome.ended, outcome.step, outcome.best), (Ended::Patience, 5, Some((3, 0.6))));
     let file = WeightFile::open(&folder.best()).expect("kept");
     assert_eq!((file.provenance.sensor.as_str(), file.provenance.input), ("ycb-sight", (64, 64)));
     let shape = file.config("fcrn", 1).expect("an FCRN");
@@ -127,19 +202,33 @@ fn patience_ends_a_run_that_does_not_improve_and_the_best_weights_can_be_used() 
 }
 
 #[test]
-fn a_diverged_run_says_so_and_keeps_no_broken_weights() {
-    let mut config = tiny("reduced-height-map");
-    config.run.learning_rate = 1.0;
-    config.run.schedule = Schedule::Constant;
-    config.run.clip_norm = 0.0;
-    config.run.epochs = 40;
+fn patience_counts_from_the_last_improvement() {
+    let mut config = short("reduced-height-map");
+    config.run.patience = 2;
     let (_guard, folder) = folder();
-    match run(&config, &folder, false, 30) {
-        Err(TrainError::Diverged { .. }) | Ok(_) => {}
-        Err(other) => panic!("{other}"),
-    }
-    if folder.best().exists() {
-        WeightFile::open(&folder.best()).expect("finite");
+    // Lower is better.
+    let outcome = run_scripted(&config, &folder, &[0.5, 0.6, 0.4, 0.5, 0.3, 0.4], &[]).expect("trained");
+    assert_eq!((outcome.ended, outcome.step, outcome.best), (Ended::Finished, 6, Some((5, 0.3))));
+}
+
+#[test]
+fn a_diverged_run_says_so_and_keeps_no_broken_weights() {
+    let mut config = short("reduced-height-map");
+    let (_a, loss) = folder();
+    let error = run_scripted(&config, &loss, &[], &[1.0, 1.0, f32::NAN]).expect_err("diverged");
+    assert!(matches!(error, TrainError::Diverged { what: "the loss", found, step: 2 } if found.is_nan()), "{error}");
+    config.run.clip_norm = 1.0;
+    let (_b, gradient) = folder();
+    // The loss is finite in f32, the square of the gradient is not.
+    let error = run_scripted(&config, &gradient, &[], &[1.0, 1.0, 1e37]).expect_err("diverged");
+    let named = matches!(error, TrainError::Diverged { what: "the gradient's norm", step: 2, .. });
+    assert!(named && error.to_string().contains("lower the learning rate"), "{error}");
+    for folder in [loss, gradient] {
+        assert_eq!(MetricLog::open(&folder.metrics()).expect("readable").rows.len(), 2);
+        for file in [folder.best(), folder.checkpoint()] {
+            let tensors = TensorFile::open(&file).expect("of the step before").tensors;
+            assert!(tensors.values().all(|t| t.values.iter().all(|v| v.is_finite())));
+        }
     }
 }
 
@@ -149,6 +238,37 @@ fn an_empty_set_and_a_part_without_presses_are_named() {
     assert!(error.contains("holds no presses"), "{error}");
     let error = Parts::of(&presses(2, 8, 8), &split()).expect_err("no 002").to_string();
     assert!(error.contains("validation") && error.contains("2 presses"), "{error}");
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn a_disk_that_fills_up_while_training_ends_the_run_with_its_reason() {
+    let mut config = tiny("reduced-contact-mask");
+    config.run.epochs = 2;
+    for file in ["checkpoint.safetensors", "best.safetensors", "metrics.csv"] {
+        let samples = presses(18, 64, 64);
+        let (_guard, folder) = folder();
+        let path = folder.path().join(file);
+        // /dev/full refuses every byte as a full disk does; the loop finds it where its file would be.
+        let mut watch = |event: Event<'_>| {
+            if let Event::Step { step: 1, .. } = event {
+                let _ = std::fs::remove_file(&path);
+                std::os::unix::fs::symlink("/dev/full", &path).expect("linked");
+            }
+            ControlFlow::Continue(())
+        };
+        let task = task(&samples, config.clone());
+        let error = train::<CpuAutodiff, _>(&task, &config.run, &folder, false, &CpuDevice, &mut watch)
+            .expect_err("nothing fits on the disk");
+        let mut reasons = vec![error.to_string()];
+        let mut source = std::error::Error::source(&error);
+        while let Some(reason) = source {
+            reasons.push(reason.to_string());
+            source = reason.source();
+        }
+        let reasons = reasons.join(": ");
+        assert!(reasons.contains(file) && reasons.contains("No space left"), "{reasons}");
+    }
 }
 
 #[cfg(target_os = "linux")]

@@ -4,6 +4,7 @@ mod dataset;
 mod plots;
 mod reconstructor;
 mod results;
+mod row_file;
 mod shape;
 mod summary;
 mod tactile;

@@ -1,10 +1,8 @@
-//! `results.csv`: one row a run, written as runs end, read back to resume.
+//! `results.csv`: one row a run.
 
-use anyhow::{Context as _, bail};
+use super::row_file::{Record, RowFile, number_text, numbers};
 use palpate::metrics::Comparison;
-use std::fs::File;
-use std::io::Write as _;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 /// Numeric columns, by their keys in `palpate compare --json`; `hidden_…` are those of the hidden side.
 pub(super) const METRICS: [&str; 22] = [
@@ -91,16 +89,27 @@ impl Row {
     fn slowest(&self) -> (&str, f64) {
         self.stages.iter().max_by(|a, b| a.1.total_cmp(&b.1)).map_or(("", 0.0), |(name, s)| (name, *s))
     }
+}
+
+impl Record for Row {
+    type Key = Key;
+
+    fn columns() -> Vec<&'static str> {
+        FIRST.iter().chain(&METRICS).chain(&LAST).copied().collect()
+    }
+
+    fn key(&self) -> &Key {
+        &self.key
+    }
 
     fn fields(&self) -> Vec<String> {
         let key = &self.key;
-        let number = |v: &Option<f64>| v.map_or(String::new(), |v| format!("{v:.6}"));
         let (slowest, slowest_seconds) = self.slowest();
         let stages: Vec<String> = self.stages.iter().map(|(name, s)| format!("{name}={s:.4}")).collect();
         [key.object.clone(), key.view.to_string(), key.touches.to_string(), key.method.clone(), key.symmetry.clone()]
             .into_iter()
             .chain([self.touches_used.to_string(), self.watertight.to_string()])
-            .chain(self.metrics.iter().map(number))
+            .chain(self.metrics.iter().map(|v| number_text(*v)))
             .chain([format!("{:.4}", self.seconds), slowest.to_owned(), format!("{slowest_seconds:.4}")])
             .chain([stages.join(";"), self.note.clone(), self.error.clone()])
             .collect()
@@ -112,7 +121,6 @@ impl Row {
         };
         let (metrics, last) = rest.split_at_checked(METRICS.len())?;
         let [seconds, _, _, stages, note, error] = last else { return None };
-        let metrics = metrics.iter().map(|f| if f.is_empty() { Some(None) } else { f.parse().ok().map(Some) });
         let stages = stages.split(';').filter(|s| !s.is_empty()).map(|stage| {
             let (name, seconds) = stage.split_once('=')?;
             Some((name.to_owned(), seconds.parse().ok()?))
@@ -127,7 +135,7 @@ impl Row {
             },
             touches_used: touches_used.parse().ok()?,
             watertight: watertight.parse().ok()?,
-            metrics: metrics.collect::<Option<_>>()?,
+            metrics: numbers(metrics)?,
             seconds: seconds.parse().ok()?,
             stages: stages.collect::<Option<_>>()?,
             note: note.clone(),
@@ -136,99 +144,9 @@ impl Row {
     }
 }
 
-/// The file: its rows so far, open for more.
-pub(super) struct ResultsFile {
-    path: PathBuf,
-    preamble: String,
-    pub(super) rows: Vec<Row>,
-    file: File,
-}
-
-impl ResultsFile {
-    /// Opens or starts the file. `conditions` is a line on the parameters: rows made under others are never mixed in.
-    ///
-    /// The last row of an interrupted run may be cut short: incomplete rows are dropped, and so are failed ones if asked.
-    pub(super) fn open(path: &Path, conditions: &str, retry_failed: bool) -> anyhow::Result<Self> {
-        let columns: Vec<&str> = FIRST.iter().chain(&METRICS).chain(&LAST).copied().collect();
-        let preamble = format!("# {conditions}\n{}\n", columns.join(","));
-        let mut rows = Vec::new();
-        if path.exists() {
-            let text = std::fs::read_to_string(path).with_context(|| format!("reading {}", path.display()))?;
-            let Some(body) = text.strip_prefix(&preamble) else {
-                let found = text.lines().next().unwrap_or_default();
-                bail!(
-                    "{} holds results of another kind:\n  found  {found}\n  needed # {conditions}\nuse another --output",
-                    path.display()
-                );
-            };
-            rows = body.split_inclusive('\n').filter(|l| l.ends_with('\n')).filter_map(parse_line).collect();
-            rows.retain(|row| row.error.is_empty() || !retry_failed);
-        }
-        let file = rewrite(path, &preamble, &rows)?;
-        Ok(Self { path: path.to_owned(), preamble, rows, file })
-    }
-
-    /// Whether a run is already there.
-    pub(super) fn contains(&self, key: &Key) -> bool {
-        self.rows.iter().any(|row| row.key == *key)
-    }
-
-    /// Appends a row and hands it to the system at once.
-    pub(super) fn push(&mut self, row: Row) -> anyhow::Result<()> {
-        let line = csv_line(&row.fields());
-        let written = self.file.write_all(line.as_bytes()).and_then(|()| self.file.flush());
-        written.with_context(|| format!("writing {}", self.path.display()))?;
-        self.rows.push(row);
-        Ok(())
-    }
-
-    /// Puts the rows in order: the order in which runs ended is of no interest.
-    pub(super) fn finish(mut self) -> anyhow::Result<Vec<Row>> {
-        self.rows.sort_by(|a, b| a.key.cmp(&b.key));
-        rewrite(&self.path, &self.preamble, &self.rows)?;
-        Ok(self.rows)
-    }
-}
-
-/// Writes beside the file and renames, then opens it for appending.
-fn rewrite(path: &Path, preamble: &str, rows: &[Row]) -> anyhow::Result<File> {
-    let lines: String = rows.iter().map(|row| csv_line(&row.fields())).collect();
-    let part = path.with_extension("csv.part");
-    let written = std::fs::write(&part, format!("{preamble}{lines}")).and_then(|()| std::fs::rename(&part, path));
-    written.with_context(|| format!("writing {}", path.display()))?;
-    File::options().append(true).open(path).with_context(|| format!("opening {}", path.display()))
-}
-
-/// One line of RFC 4180; line breaks within a field become spaces, so that a row is a line.
-pub(super) fn csv_line(fields: &[String]) -> String {
-    let quoted: Vec<String> = fields
-        .iter()
-        .map(|field| {
-            let field = field.replace(['\n', '\r'], " ");
-            if field.contains([',', '"']) { format!("\"{}\"", field.replace('"', "\"\"")) } else { field }
-        })
-        .collect();
-    quoted.join(",") + "\n"
-}
-
-fn parse_line(line: &str) -> Option<Row> {
-    Row::from_fields(&fields_of(line))
-}
-
-/// The fields of a line that [`csv_line`] wrote.
-pub(super) fn fields_of(line: &str) -> Vec<String> {
-    let (mut fields, mut field, mut quoted) = (Vec::new(), String::new(), false);
-    let mut chars = line.trim_end_matches('\n').chars().peekable();
-    while let Some(c) = chars.next() {
-        match (c, quoted) {
-            ('"', true) if chars.peek() == Some(&'"') => field.extend(chars.next()),
-            ('"', _) => quoted = !quoted,
-            (',', false) => fields.push(std::mem::take(&mut field)),
-            (c, _) => field.push(c),
-        }
-    }
-    fields.push(field);
-    fields
+/// Opens or starts the file; the rows of failed runs are dropped if they shall be tried again.
+pub(super) fn open(path: &Path, conditions: &str, retry_failed: bool) -> anyhow::Result<RowFile<Row>> {
+    RowFile::open(path, &[], conditions, |row: &Row| row.error.is_empty() || !retry_failed)
 }
 
 #[cfg(test)]
@@ -251,30 +169,30 @@ pub(super) mod tests {
         let folder = tempfile::tempdir().expect("a temporary folder");
         let path = folder.path().join("results.csv");
         let mut bad = Row::failed(row("a", 0, "fused", 0.5).key, 0, "no \"plane\", none\nat all".to_owned());
-        let mut file = ResultsFile::open(&path, "conditions", false).expect("a new file");
+        let mut file = open(&path, "conditions", false).expect("a new file");
         file.push(row("b, c", 5, "fused", 0.75)).expect("written");
         file.push(bad.clone()).expect("written");
         bad.error = "no \"plane\", none at all".to_owned();
 
-        let again = ResultsFile::open(&path, "conditions", false).expect("the same file");
-        assert_eq!(again.rows, [row("b, c", 5, "fused", 0.75), bad.clone()]);
+        let again = open(&path, "conditions", false).expect("the same file");
+        assert_eq!(again.rows, [bad.clone(), row("b, c", 5, "fused", 0.75)]);
         assert!(again.contains(&bad.key) && !again.contains(&row("b", 5, "fused", 0.0).key));
-        let retried = ResultsFile::open(&path, "conditions", true).expect("the same file");
+        let retried = open(&path, "conditions", true).expect("the same file");
         assert_eq!(retried.rows.len(), 1);
-        assert!(ResultsFile::open(&path, "others", false).is_err());
+        assert!(open(&path, "others", false).is_err());
     }
 
     #[test]
     fn a_row_cut_short_is_dropped() {
         let folder = tempfile::tempdir().expect("a temporary folder");
         let path = folder.path().join("results.csv");
-        let mut file = ResultsFile::open(&path, "conditions", false).expect("a new file");
+        let mut file = open(&path, "conditions", false).expect("a new file");
         file.push(row("a", 0, "fused", 0.5)).expect("written");
         file.push(row("b", 0, "fused", 0.5)).expect("written");
         let text = std::fs::read_to_string(&path).expect("there");
         for cut in [1, 10, 100] {
             std::fs::write(&path, &text[..text.len() - cut]).expect("written");
-            let file = ResultsFile::open(&path, "conditions", false).expect("readable");
+            let file = open(&path, "conditions", false).expect("readable");
             assert_eq!(file.rows, [row("a", 0, "fused", 0.5)], "{cut} bytes missing");
         }
     }

@@ -1,7 +1,8 @@
 //! Runs every scene × touch count × method and keeps what came out.
 
 use super::dataset::{self, Case, Loaded, Source};
-use super::results::{Key, ResultsFile, Row};
+use super::results::{self, Key, Row};
+use super::row_file::RowFile;
 use super::{plots, summary};
 use crate::Outcome;
 use anyhow::Context as _;
@@ -123,7 +124,7 @@ fn run_with(mut args: Args, reconstruct: &Reconstructor) -> anyhow::Result<Outco
     args.touches.sort_unstable();
     args.touches.dedup();
     std::fs::create_dir_all(&args.output).with_context(|| format!("making {}", args.output.display()))?;
-    let results = ResultsFile::open(&args.output.join("results.csv"), &conditions(&args, &cases)?, args.retry_failed)?;
+    let results = results::open(&args.output.join("results.csv"), &conditions(&args, &cases)?, args.retry_failed)?;
 
     let work: Vec<(&Case, Vec<Key>)> = cases
         .iter()
@@ -184,7 +185,7 @@ fn run_case(
     keys: &[Key],
     args: &Args,
     reconstruct: &Reconstructor,
-    results: &Mutex<ResultsFile>,
+    results: &Mutex<RowFile<Row>>,
     bar: &ProgressBar,
 ) -> anyhow::Result<()> {
     let push = |row: Row| {

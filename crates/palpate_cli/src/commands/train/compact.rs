@@ -2,8 +2,8 @@
 
 use super::{Args, Device, plot};
 use crate::Outcome;
+use crate::progress::progress_bar;
 use anyhow::Context as _;
-use indicatif::{ProgressBar, ProgressStyle};
 use palpate::io::{PressSet, create_folder, read_object_split, read_text, write_text};
 use palpate_nn::compact::{CompactConfig, CompactTask, Stage, train_compact};
 use palpate_nn::data::{Parts, PressFolder};
@@ -20,8 +20,7 @@ pub(super) fn run(args: &Args) -> anyhow::Result<Outcome> {
     write_text(args.output.join("train.toml"), &toml::to_string_pretty(&config)?)?;
     let command = std::env::args().skip(1).fold("palpate".to_owned(), |text, a| text + " " + &a);
     let task = CompactTask::new(&samples, &parts, &config, &split.name, &command);
-    let bar = ProgressBar::new(0);
-    bar.set_style(ProgressStyle::with_template("{wide_bar} {pos}/{len} steps, {eta} left, {msg}").context("the bar")?);
+    let bar = progress_bar(0, "{wide_bar} {pos}/{len} steps, {eta} left, {msg}");
     let mut plotted = Ok(());
     let mut running = None;
     let mut watch = |stage: Stage, event: Event<'_>| {

@@ -4,9 +4,8 @@ mod compact;
 mod plot;
 
 use crate::Outcome;
-use anyhow::Context as _;
+use crate::progress::progress_bar;
 use clap::ValueEnum;
-use indicatif::{ProgressBar, ProgressStyle};
 use palpate::io::{PressSet, create_folder, read_object_split, write_text};
 use palpate_nn::config::TrainConfig;
 use palpate_nn::data::{Parts, PressFolder};
@@ -22,8 +21,8 @@ use std::path::{Path, PathBuf};
   palpate train height-map --data presses --split config/splits/held-out.toml --preset reduced --output run
   palpate train height-map --data presses --split config/splits/held-out.toml --config run/train.toml --output run --resume
 
-Presets: `thesis` as published (480 × 640, width 64), `better` (background subtracted, 240 × 320, width 64), `reduced` (the same
-at width 8 and 120 × 160: for a CPU). Start from one, change the train.toml that the run writes, and give it with --config.
+Presets: `thesis` as published (480 × 640, width 64), `better` (background subtracted, 240 × 320, width 64), `reduced` (width 4,
+64 × 96: for a CPU). Start from one, change the train.toml that the run writes, and give it with --config.
 
 The output folder holds
   best.safetensors        weights of the best validation, with network, sensor, split, seed and this command
@@ -143,8 +142,7 @@ where
 {
     let folder = RunFolder::new(&args.output);
     let curves = args.output.join("curves.svg");
-    let bar = ProgressBar::new(0);
-    bar.set_style(ProgressStyle::with_template("{wide_bar} {pos}/{len} steps, {eta} left, {msg}").context("the bar")?);
+    let bar = progress_bar(0, "{wide_bar} {pos}/{len} steps, {eta} left, {msg}");
     let mut kept = Ok(());
     let mut started = false;
     let mut watch = |event: Event<'_>| {

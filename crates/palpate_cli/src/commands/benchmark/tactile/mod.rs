@@ -14,7 +14,7 @@ use palpate::metrics::compare_contacts;
 use palpate::simulate::Disturbance;
 use palpate::tactile::{NoContact, TactileDecoder};
 use rayon::prelude::*;
-use results::{Key, ResultsFile, Row};
+use results::{Key, Row};
 use std::collections::BTreeSet;
 use std::path::PathBuf;
 use std::sync::Mutex;
@@ -105,7 +105,7 @@ pub(crate) fn run(args: Args) -> anyhow::Result<Outcome> {
     }
     palpate::io::create_folder(&args.output)?;
     let conditions = conditions(&args, &dataset, split.as_ref(), chosen.len());
-    let results = ResultsFile::open(&args.output, &conditions, args.shard)?;
+    let results = results::open(&args.output, &conditions, args.shard)?;
     let (part, parts) = args.shard.unwrap_or((0, 1));
     let done: BTreeSet<Key> = results.rows.iter().map(|row| row.key.clone()).collect();
     let mine = chosen.iter().enumerate().filter(|(i, _)| i % parts == part).map(|(_, press)| *press);

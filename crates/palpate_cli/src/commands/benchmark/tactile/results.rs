@@ -1,10 +1,8 @@
 //! One row a decoded image, kept as they come; shards in files of their own.
 
-use super::super::results::{csv_line, fields_of};
-use anyhow::{Context as _, bail};
+use super::super::row_file::{Record, RowFile, number_text, numbers};
+use anyhow::Context as _;
 use palpate::metrics::TactileErrors;
-use std::fs::File;
-use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
 const COLUMNS: [&str; 15] = [
@@ -76,98 +74,50 @@ impl Row {
     pub(super) fn value(&self, column: &str) -> Option<f64> {
         COLUMNS[NUMBERS].iter().position(|c| *c == column).and_then(|i| self.values[i])
     }
+}
 
-    fn line(&self) -> String {
-        let key = [self.key.object.clone(), self.key.press.clone(), self.key.decoder.clone()];
-        let numbers = self.values.iter().map(|v| v.map_or(String::new(), |v| format!("{v:.6}")));
-        csv_line(&key.into_iter().chain(numbers).chain([self.error.clone()]).collect::<Vec<_>>())
+impl Record for Row {
+    type Key = Key;
+
+    fn columns() -> Vec<&'static str> {
+        COLUMNS.to_vec()
     }
 
-    fn parse(line: &str) -> Option<Self> {
-        let fields = fields_of(line);
-        let [object, press, decoder, numbers @ .., error] = fields.as_slice() else { return None };
-        let number = |f: &String| if f.is_empty() { Some(None) } else { f.parse().ok().map(Some) };
-        let values: Vec<Option<f64>> = numbers.iter().map(number).collect::<Option<_>>()?;
+    fn key(&self) -> &Key {
+        &self.key
+    }
+
+    fn fields(&self) -> Vec<String> {
+        let key = [self.key.object.clone(), self.key.press.clone(), self.key.decoder.clone()];
+        key.into_iter().chain(self.values.iter().map(|v| number_text(*v))).chain([self.error.clone()]).collect()
+    }
+
+    fn from_fields(fields: &[String]) -> Option<Self> {
+        let [object, press, decoder, values @ .., error] = fields else { return None };
+        let values = numbers(values)?;
         let key = Key { object: object.clone(), press: press.clone(), decoder: decoder.clone() };
         (values.len() == NUMBERS.len()).then(|| Self { key, values, error: error.clone() })
     }
 }
 
-/// The rows so far, open for more.
-pub(super) struct ResultsFile {
-    path: PathBuf,
-    preamble: String,
-    pub(super) rows: Vec<Row>,
-    file: File,
-}
-
-impl ResultsFile {
-    /// Opens or starts `results.csv`, with the rows of all shards there; or the file of one shard (number, of how many).
-    ///
-    /// `conditions` is a line on what the rows depend on: others are never mixed in.
-    pub(super) fn open(folder: &Path, conditions: &str, shard: Option<(usize, usize)>) -> anyhow::Result<Self> {
-        let preamble = format!("# {}\n{}\n", conditions.replace('\n', " "), COLUMNS.join(","));
-        let path = match shard {
-            None => folder.join("results.csv"),
-            Some((i, n)) => folder.join(format!("results-{}-of-{n}.csv", i + 1)),
-        };
-        let mut files = vec![path.clone()];
-        if shard.is_none() {
-            let entries = std::fs::read_dir(folder).with_context(|| format!("reading {}", folder.display()))?;
-            let entries = entries.map(|e| Ok(e?.path())).collect::<anyhow::Result<Vec<_>>>()?;
-            let is_shard = |p: &PathBuf| {
-                let name = p.file_name().unwrap_or_default().to_string_lossy().into_owned();
-                name.starts_with("results-") && p.extension().is_some_and(|e| e == "csv")
-            };
-            files.extend(entries.into_iter().filter(is_shard));
-        }
-        let mut rows = Vec::new();
-        for file in files.iter().filter(|f| f.exists()) {
-            rows.extend(read_rows(file, &preamble)?);
-        }
-        sort(&mut rows);
-        let file = rewrite(&path, &preamble, &rows)?;
-        Ok(Self { path, preamble, rows, file })
-    }
-
-    pub(super) fn push(&mut self, row: Row) -> anyhow::Result<()> {
-        let written = self.file.write_all(row.line().as_bytes()).and_then(|()| self.file.flush());
-        written.with_context(|| format!("writing {}", self.path.display()))?;
-        self.rows.push(row);
-        Ok(())
-    }
-
-    /// Puts the rows in order.
-    pub(super) fn finish(mut self) -> anyhow::Result<Vec<Row>> {
-        sort(&mut self.rows);
-        rewrite(&self.path, &self.preamble, &self.rows)?;
-        Ok(self.rows)
-    }
-}
-
-fn sort(rows: &mut Vec<Row>) {
-    rows.sort_by(|a, b| a.key.cmp(&b.key));
-    rows.dedup_by(|a, b| a.key == b.key);
-}
-
-/// Complete rows of a file; the last of an interrupted run may be cut short.
-fn read_rows(path: &Path, preamble: &str) -> anyhow::Result<Vec<Row>> {
-    let text = std::fs::read_to_string(path).with_context(|| format!("reading {}", path.display()))?;
-    let Some(body) = text.strip_prefix(preamble) else {
-        let found = text.lines().next().unwrap_or_default();
-        let needed = preamble.lines().next().unwrap_or_default();
-        bail!(
-            "{} holds results of another kind:\n  found  {found}\n  needed {needed}\nuse another --output",
-            path.display()
-        );
+/// Opens or starts `results.csv`, with the rows of all shards there; or the file of one shard (number, of how many).
+pub(super) fn open(folder: &Path, conditions: &str, shard: Option<(usize, usize)>) -> anyhow::Result<RowFile<Row>> {
+    let (path, others) = match shard {
+        None => (folder.join("results.csv"), shards(folder)?),
+        Some((i, n)) => (folder.join(format!("results-{}-of-{n}.csv", i + 1)), Vec::new()),
     };
-    Ok(body.split_inclusive('\n').filter(|l| l.ends_with('\n')).filter_map(Row::parse).collect())
+    RowFile::open(&path, &others, conditions, |_| true)
 }
 
-fn rewrite(path: &Path, preamble: &str, rows: &[Row]) -> anyhow::Result<File> {
-    let lines: String = rows.iter().map(Row::line).collect();
-    palpate::io::write_text(path, &(preamble.to_owned() + &lines))?;
-    File::options().append(true).open(path).with_context(|| format!("opening {}", path.display()))
+fn shards(folder: &Path) -> anyhow::Result<Vec<PathBuf>> {
+    let entries = std::fs::read_dir(folder).with_context(|| format!("reading {}", folder.display()))?;
+    let mut paths = entries.map(|e| Ok(e?.path())).collect::<anyhow::Result<Vec<_>>>()?;
+    paths.retain(|path| {
+        let name = path.file_name().unwrap_or_default().to_string_lossy();
+        name.starts_with("results-") && name.ends_with(".csv")
+    });
+    paths.sort();
+    Ok(paths)
 }
 
 #[cfg(test)]
@@ -193,25 +143,25 @@ pub(super) mod tests {
     fn shards_are_merged_and_cut_rows_dropped() {
         let folder = tempfile::tempdir().expect("a temporary folder");
         for (i, object) in ["can", "mug, red"].into_iter().enumerate() {
-            let mut file = ResultsFile::open(folder.path(), "c", Some((i, 2))).expect("new");
+            let mut file = open(folder.path(), "c", Some((i, 2))).expect("new");
             file.push(row(object, "0", "lookup", 0.125, 0.1)).expect("written");
             file.push(row(object, "1", "threshold", 0.5, 0.1)).expect("written");
         }
         let second = folder.path().join("results-2-of-2.csv");
         let text = std::fs::read_to_string(&second).expect("there");
         std::fs::write(&second, &text[..text.len() - 3]).expect("written");
-        let all = ResultsFile::open(folder.path(), "c", None).expect("merged").finish().expect("written");
+        let all = open(folder.path(), "c", None).expect("merged").finish().expect("written");
         assert_eq!(
-            all.iter().map(Row::line).collect::<Vec<_>>(),
+            all.iter().map(Row::fields).collect::<Vec<_>>(),
             [
                 row("can", "0", "lookup", 0.125, 0.1),
                 row("can", "1", "threshold", 0.5, 0.1),
                 row("mug, red", "0", "lookup", 0.125, 0.1)
             ]
-            .map(|row| row.line())
+            .map(|row| row.fields())
         );
         assert_eq!(all[1].value("rmse_mm"), None);
         assert!((all[0].value("rmse_px").expect("there") - 0.125 / 0.0295).abs() < 1e-5);
-        assert!(ResultsFile::open(folder.path(), "other", None).is_err());
+        assert!(open(folder.path(), "other", None).is_err());
     }
 }

@@ -17,12 +17,12 @@ const FLAT: f64 = 0.5;
 pub(super) fn write(folder: &Path, rows: &[Row], notes: &[String]) -> anyhow::Result<()> {
     palpate::io::write_text(folder.join("summary.md"), &markdown(rows, notes))?;
     let plots = [
-        ("height.svg", "rmse_px", "RMSE of the height, px of 0.0295 mm"),
-        ("mask.svg", "mask_iou", "IoU of the contact mask"),
+        ("height.svg", "rmse_px", "RMSE of the height, px of 0.0295 mm", None),
+        ("mask.svg", "mask_iou", "IoU of the contact mask", Some(1.0)),
     ];
-    for (name, column, title) in plots {
+    for (name, column, title, top) in plots {
         if rows.iter().any(|row| row.value(column).is_some()) {
-            palpate::io::write_text(folder.join(name), &boxes(rows, column, title))?;
+            palpate::io::write_text(folder.join(name), &boxes(rows, column, title, top))?;
         }
     }
     Ok(())
@@ -140,7 +140,9 @@ fn failures(rows: &[Row]) -> String {
 }
 
 /// Box plots object by object, the decoders side by side.
-fn boxes(rows: &[Row], column: &str, title: &str) -> String {
+///
+/// * `top` – end of the axis, if the numbers have a largest value
+fn boxes(rows: &[Row], column: &str, title: &str, top: Option<f64>) -> String {
     let has_values = |decoder: &&str| rows.iter().any(|r| r.key.decoder == *decoder && r.value(column).is_some());
     let decoders: Vec<&str> = decoders(rows).into_iter().filter(has_values).collect();
     let objects = objects(rows);
@@ -175,6 +177,10 @@ fn boxes(rows: &[Row], column: &str, title: &str) -> String {
         .with_x_tick_rotate(-60.0)
         .with_width(220.0 + (16 * slots * objects.len()).max(300) as f64)
         .with_height(420.0);
+    let layout = match top {
+        Some(top) => layout.with_y_axis_max(top),
+        None => layout,
+    };
     SvgBackend.render_scene(&kuva::render::render::render_multiple(plots, layout))
 }
 
