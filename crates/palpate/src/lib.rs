@@ -6,6 +6,7 @@
 //! pressed pose, +z out of the gel into the object, x along columns, y along rows), `object` (ground-truth mesh).
 //! Pixel (u, v) has integer coordinates at its centre; rasters are indexed (row, col).
 
+pub mod calibrate;
 pub mod camera;
 pub mod completion;
 pub mod evidence;

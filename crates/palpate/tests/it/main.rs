@@ -1,5 +1,7 @@
 //! One integration binary: linking is what costs.
 
+mod board_pictures;
+mod chessboard;
 mod claims;
 mod layering;
 mod metrics;

@@ -1,6 +1,7 @@
 //! One file per command.
 
 pub(crate) mod benchmark;
+pub(crate) mod calibrate;
 pub(crate) mod check;
 pub(crate) mod clean;
 pub(crate) mod compare;
@@ -10,6 +11,7 @@ pub(crate) mod init;
 pub(crate) mod inspect;
 pub(crate) mod presses;
 pub(crate) mod reconstruct;
+pub(crate) mod register;
 pub(crate) mod render;
 pub(crate) mod simulate;
 pub(crate) mod surface;
