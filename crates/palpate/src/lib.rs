@@ -8,6 +8,7 @@
 
 pub mod calibrate;
 pub mod camera;
+pub mod capture;
 pub mod completion;
 pub mod evidence;
 pub mod geometry;

@@ -25,6 +25,10 @@ enum Command {
     Reconstruct(commands::reconstruct::Args),
     /// Calibrate a camera, a gel, or where a sensor sits on the robot
     Calibrate(commands::calibrate::Args),
+    /// Record touches from a tactile sensor into a scene
+    Capture(commands::capture::Args),
+    /// Make a scene from a recording or a data set of others
+    Import(commands::import::Args),
     /// Depth and colour of two cameras in one raster
     Register(commands::register::Args),
     /// Simulate scenes with exact truth from meshes
@@ -74,6 +78,8 @@ impl Args {
             Command::Check(args) => commands::check::run(args),
             Command::Reconstruct(args) => commands::reconstruct::run(args),
             Command::Calibrate(args) => commands::calibrate::run(args),
+            Command::Capture(args) => commands::capture::run(args),
+            Command::Import(args) => commands::import::run(args),
             Command::Register(args) => commands::register::run(args),
             Command::Simulate(args) => commands::simulate::run(args),
             Command::Presses(args) => commands::presses::run(args),

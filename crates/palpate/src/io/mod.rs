@@ -21,6 +21,7 @@ mod ply;
 mod press_set;
 mod raw;
 mod scene;
+mod scene_append;
 mod scene_format;
 mod scene_write;
 mod sensor_file;
@@ -44,8 +45,9 @@ pub use npy::{NpyArray, parse_npy, read_height_map_npy, read_npy, write_height_m
 pub use object_split::{ObjectSplit, SplitPart, parse_object_split, read_object_split};
 pub use press_set::{PressSet, PressSetHeader, begin_press_set, has_press_shard, write_press_shard};
 pub use scene::{SceneCheck, SceneFile, check_scene, read_scene};
+pub use scene_append::SceneAppender;
 pub use scene_write::{NewScene, SceneToWrite, init_scene, write_scene};
-pub use sensor_file::{SensorFile, read_sensor, write_sensor};
+pub use sensor_file::{SensorFile, copy_sensor, read_sensor, write_sensor};
 pub use text::{check_mesh_output, check_writable, create_folder, read_text, write_text};
 pub use weights::read_compact_weights;
 pub use ycb_sight::{YcbSightFile, read_ycb_sight, read_ycb_sight_press, write_ycb_sight};

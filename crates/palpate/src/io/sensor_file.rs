@@ -130,7 +130,24 @@ pub fn read_sensor(path: impl AsRef<Path>) -> Result<SensorFile, IoError> {
 /// # Errors
 /// As [`atomic_write`].
 pub fn write_sensor(path: impl AsRef<Path>, gel: &GelCalibration, calibration: &toml::Table) -> Result<(), IoError> {
-    let path = path.as_ref();
+    let file = SensorFile {
+        sensor: gel.sensor.clone(),
+        background: gel.background.clone(),
+        map: gel.map.clone(),
+        markers: gel.markers,
+    };
+    write_sensor_file(path.as_ref(), &file, calibration)
+}
+
+/// Writes what [`read_sensor`] read, into another folder.
+///
+/// # Errors
+/// As [`atomic_write`].
+pub fn copy_sensor(path: impl AsRef<Path>, file: &SensorFile) -> Result<(), IoError> {
+    write_sensor_file(path.as_ref(), file, &toml::Table::new())
+}
+
+fn write_sensor_file(path: &Path, gel: &SensorFile, calibration: &toml::Table) -> Result<(), IoError> {
     let stem = path.file_stem().map_or_else(|| "sensor".to_owned(), |s| s.to_string_lossy().into_owned());
     let beside = |file: &str| path.parent().unwrap_or(Path::new("")).join(file);
     let background = format!("{stem}_background.png");

@@ -80,11 +80,15 @@ fn poses() -> Vec<Isometry> {
         ([0.0, 0.0, 0.5], [0.0, 0.0, 0.0]),
         ([0.05, 0.03, 0.5], [0.5, 0.1, 0.1]),
         ([-0.06, 0.03, 0.5], [-0.5, 0.2, -0.2]),
-        ([0.05, -0.04, 0.55], [0.1, 0.55, 0.3]),
+        ([0.05, -0.04, 0.45], [0.1, 0.55, 0.3]),
         ([-0.05, -0.04, 0.45], [0.0, -0.55, 0.0]),
-        ([0.02, 0.05, 0.42], [0.4, 0.4, 1.4]),
-        ([-0.08, 0.05, 0.6], [-0.4, 0.4, 3.0]),
-        ([0.09, -0.06, 0.6], [0.4, -0.3, -0.6]),
+        ([0.02, 0.03, 0.42], [0.4, 0.4, 1.4]),
+        ([-0.08, 0.05, 0.5], [-0.4, 0.4, 3.0]),
+        // Into the corners of the image, where the lens bends most.
+        ([0.10, 0.085, 0.42], [0.3, -0.3, 0.0]),
+        ([-0.10, 0.085, 0.42], [0.3, 0.3, 0.05]),
+        ([0.10, -0.085, 0.42], [-0.3, -0.3, -0.05]),
+        ([-0.10, -0.085, 0.42], [-0.3, 0.3, 3.1]),
     ]
     .map(|(at, tilt)| pose(&BOARD, at, tilt))
     .to_vec()
@@ -124,7 +128,7 @@ fn drawn_boards_give_the_camera_that_drew_them() {
         (found.camera.cy, camera.cy, found.sigma.cy),
     ];
     for (ours, truth, sigma) in pairs {
-        assert!((ours - truth).abs() < 0.005 * truth && (ours - truth).abs() < 5.0 * sigma, "{ours} {truth} ± {sigma}");
+        assert!((ours - truth).abs() < 0.01 * truth && (ours - truth).abs() < 5.0 * sigma, "{ours} {truth} ± {sigma}");
     }
     assert!(found.rms < 0.12, "{}", found.rms);
 }
@@ -243,7 +247,7 @@ fn an_outlier_is_named_and_can_be_dropped() {
         calibrate_camera(&BOARD, &views, (400, 300), Fixed::default(), None, outliers).expect("the others are good")
     };
     let kept = run(Outliers::Keep);
-    assert!(kept.views[3].outlier && kept.views[3].used && kept.rms > 0.3, "{kept:?}");
+    assert!(kept.views[3].outlier && kept.views[3].used && kept.rms > 0.2, "{kept:?}");
     let dropped = run(Outliers::Drop);
     assert!(!dropped.views[3].used && dropped.rms < 1e-3, "{}", dropped.rms);
     assert!((dropped.camera.fx - camera().fx).abs() < 0.01);
@@ -273,7 +277,7 @@ fn boards_seen_by_two_cameras_give_their_mounting() {
     };
     let first: Vec<BoardView> = poses().iter().map(|p| noisy(ideal(&camera(), p))).collect();
     let second: Vec<BoardView> = poses().iter().map(|p| noisy(ideal(&color, &(mounting * p)))).collect();
-    let found = paired_extrinsics(&BOARD, [&camera(), &color], &first, &second).expect("eight pairs");
+    let found = paired_extrinsics(&BOARD, [&camera(), &color], &first, &second).expect("eleven pairs");
     let off = (found.second_from_first.translation.vector - mounting.translation.vector).norm();
     let turn = found.second_from_first.rotation.angle_to(&mounting.rotation).to_degrees();
     println!("{:.3} mm, {turn:.4}°, sigma {:?}", 1e3 * off, found.sigma);
@@ -281,5 +285,5 @@ fn boards_seen_by_two_cameras_give_their_mounting() {
     let predicted = found.sigma.0.iter().map(|s| s * s).sum::<f64>().sqrt();
     assert!(off < 5.0 * predicted, "{off} ± {predicted}");
     let unpaired = paired_extrinsics(&BOARD, [&camera(), &color], &first, &second[1..]).expect_err("one is missing");
-    assert_eq!(unpaired, CalibrationError::Unpaired { first: 8, second: 7 });
+    assert_eq!(unpaired, CalibrationError::Unpaired { first: 11, second: 10 });
 }

@@ -7,6 +7,7 @@ const RANKS: &[(&str, u8)] = &[
     ("camera", 1),
     ("tactile", 1),
     ("calibrate", 2),
+    ("capture", 2),
     ("scene", 2),
     ("evidence", 2),
     ("surface", 2),

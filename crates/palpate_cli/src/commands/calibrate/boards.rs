@@ -81,6 +81,11 @@ pub(crate) fn images(inputs: &[PathBuf]) -> anyhow::Result<Vec<PathBuf>> {
     Ok(all)
 }
 
+/// The images of one folder.
+pub(crate) fn images_of(folder: &Path) -> anyhow::Result<Vec<PathBuf>> {
+    images(&[folder.to_owned()])
+}
+
 /// Looks for the board in every image. All images must have one size; an image without a board is no error here.
 pub(crate) fn search(paths: &[PathBuf], args: &BoardArgs) -> anyhow::Result<Search> {
     let board = args.board()?;

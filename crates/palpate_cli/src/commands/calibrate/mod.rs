@@ -7,6 +7,8 @@ mod extrinsics;
 mod gel;
 mod sensor_pose;
 
+pub(crate) use boards::{images_of, parse_pose};
+
 use crate::Outcome;
 use clap::Subcommand;
 

@@ -1,0 +1,104 @@
+//! `capture touch`, a folder of images standing in for the device.
+
+use crate::workshop::{Said, Workshop};
+use assert_cmd::Command;
+use palpate::geometry::Raster;
+use palpate::io::{read_scene, write_color};
+use std::path::Path;
+
+/// The gel, pressed so deep (0 to 1).
+fn frame(depth: f64) -> Raster<[u8; 3]> {
+    Raster::from_fn(96, 128, |r, c| {
+        let (y, x) = (r as f64 - 48.0, c as f64 - 60.0);
+        let press = if y.hypot(x) < 24.0 { depth * 2.0 * x } else { 0.0 };
+        [90.0 + press, 120.0, 140.0 - press].map(|v| v as u8)
+    })
+}
+
+/// Twelve frames of nothing, then so many presses, let go in between.
+fn record(folder: &Path, presses: usize) {
+    std::fs::create_dir_all(folder).expect("made");
+    let mut depths = vec![0.0; 12];
+    for _ in 0..presses {
+        depths.extend([0.4, 0.8, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 0.5, 0.0, 0.0, 0.0]);
+    }
+    for (i, depth) in depths.iter().enumerate() {
+        write_color(folder.join(format!("{i:04}.png")), &frame(*depth)).expect("written");
+    }
+}
+
+fn capture(shop: &Workshop, flags: &[&str], input: &str) -> Said {
+    let mut args = vec!["capture", "touch"];
+    args.extend(flags);
+    let scene = shop.text("s");
+    args.extend(["--output", &scene]);
+    let output = Command::new(assert_cmd::cargo::cargo_bin!("palpate")).args(&args).write_stdin(input).output();
+    let output = output.expect("the program starts");
+    let text = |bytes: Vec<u8>| String::from_utf8_lossy(&bytes).into_owned();
+    Said { status: output.status.code().unwrap_or(-1), out: text(output.stdout), err: text(output.stderr) }
+}
+
+const FIRST: &str = "0.1 0.0 0.3 1 0 0 0\n";
+const SECOND: &str = "{\"translation\": [0.2, 0.0, 0.3], \"quaternion_xyzw\": [1, 0, 0, 0]}\n";
+
+#[test]
+fn settled_contacts_are_added_with_the_poses_of_standard_input() {
+    let shop = Workshop::new();
+    record(&shop.path("frames"), 2);
+    let frames = shop.text("frames");
+    let said = capture(&shop, &["--frames", &frames, "--pose", "-"], &format!("{FIRST}{SECOND}"));
+    said.expect(0, &["2 touches added, 4 in all", "touches/002.png: (0.1000, 0.0000, 0.3000) m"]);
+    let scene = read_scene(shop.path("s")).expect("still a scene").scene;
+    let added: Vec<f64> = scene.touches[2..].iter().map(|t| t.world_from_sensor.translation.x).collect();
+    assert_eq!(added, [0.1, 0.2]);
+    assert!(scene.touches[2].image.is_some());
+}
+
+#[test]
+fn a_file_gives_the_pose_and_the_hand_carries_the_sensor() {
+    let shop = Workshop::new();
+    record(&shop.path("frames"), 1);
+    shop.put("pose.txt", FIRST.as_bytes());
+    let mounting = "gripper_from_sensor = { translation = [0.0, 0.0, 0.05], quaternion_xyzw = [0.0, 0.0, 0.0, 1.0] }";
+    shop.put("hand.toml", mounting.as_bytes());
+    let (frames, hand, pose) = (shop.text("frames"), shop.text("hand.toml"), format!("file:{}", shop.text("pose.txt")));
+    let flags = ["--frames", &frames, "--pose", &pose, "--hand-eye", &hand, "--touches", "1"];
+    capture(&shop, &flags, "").expect(0, &["1 touches added"]);
+    let scene = read_scene(shop.path("s")).expect("a scene").scene;
+    // The hand looks down from 0.3 m; the gel is 50 mm below it.
+    assert!((scene.touches[2].world_from_sensor.translation.z - 0.25).abs() < 1e-12);
+}
+
+#[test]
+fn a_contact_without_a_pose_is_lost_and_said() {
+    let shop = Workshop::new();
+    record(&shop.path("frames"), 2);
+    let before = std::fs::read(shop.path("s/scene.toml")).expect("there");
+    let frames = shop.text("frames");
+    let said = capture(&shop, &["--frames", &frames, "--pose", "-"], "");
+    said.expect(3, &["a contact was not saved", "there is no pose for touch 2", "0 touches added"]);
+    assert_eq!(std::fs::read(shop.path("s/scene.toml")).expect("there"), before);
+    let said = capture(&shop, &["--frames", &frames, "--pose", "-"], &format!("1 2 3\n{SECOND}"));
+    said.expect(3, &["'1 2 3' is no pose: seven numbers", "1 touches added, 3 in all"]);
+    let missing = format!("file:{}", shop.text("nowhere.txt"));
+    let said = capture(&shop, &["--frames", &frames, "--pose", &missing, "--pose-timeout", "0.1"], "");
+    said.expect(3, &["no pose for touch 3", "nowhere.txt"]);
+}
+
+#[test]
+fn what_is_missing_is_said_before_anything_is_recorded() {
+    let shop = Workshop::new();
+    record(&shop.path("frames"), 0);
+    let frames = shop.text("frames");
+    capture(&shop, &["--device", "/dev/video_none", "--pose", "-"], "").expect(1, &["/dev/video_none: there is no such device"]);
+    capture(&shop, &["--frames", &shop.text("lost"), "--pose", "-"], "").expect(1, &["lost: a folder of images or a video"]);
+    capture(&shop, &["--frames", &frames, "--pose", "radio"], "").expect(1, &["--pose radio", "tcp:HOST:PORT"]);
+    capture(&shop, &["--frames", &frames, "--pose", "-"], FIRST).expect(3, &["no contact settled in 12 frames"]);
+    capture(&shop, &["--pose", "-"], "").expect(2, &["--device"]);
+    std::fs::write(shop.path("frames/0005.png"), b"\x89PNG torn").expect("written");
+    capture(&shop, &["--frames", &frames, "--pose", "-"], FIRST).expect(1, &["0005.png"]);
+    write_color(shop.path("frames/0005.png"), &Raster::filled(10, 20, [9; 3])).expect("written");
+    capture(&shop, &["--frames", &frames, "--pose", "-"], FIRST).expect(1, &["a frame is 20×10 px, those before 128×96"]);
+    std::fs::remove_file(shop.path("s/scene.toml")).expect("there");
+    capture(&shop, &["--frames", &frames, "--pose", "-"], FIRST).expect(1, &["is no scene yet", "palpate init"]);
+}
