@@ -342,6 +342,16 @@ fn touches(
     };
     let (mut touches, mut untouched) = (Vec::new(), 0);
     for (stamp, image) in found {
+        if (image.cols(), image.rows()) != (sensor.width, sensor.height) {
+            let reason = format!(
+                "the image is {}×{} px, the sensor's are {}×{} (width × height)",
+                image.cols(),
+                image.rows(),
+                sensor.width,
+                sensor.height
+            );
+            return Err(ImportError::message(topic, stamp.max(0) as u64, reason));
+        }
         if let Some(no_contact) = &no_contact {
             let difference = no_contact.difference(&image);
             let difference = difference.map_err(|e| ImportError::message(topic, stamp.max(0) as u64, e.to_string()))?;

@@ -14,7 +14,8 @@ use std::path::{Path, PathBuf};
 pub struct SceneAppender {
     folder: PathBuf,
     touches: usize,
-    has_sensor: bool,
+    /// Width and height of the sensor's images; `None` without a sensor.
+    size: Option<[usize; 2]>,
     has_background: bool,
 }
 
@@ -27,7 +28,11 @@ impl SceneAppender {
         let folder = folder.as_ref().to_owned();
         let scene = parse(&folder)?.1;
         let has_background = scene.sensor.as_ref().is_some_and(|s| s.background.is_some());
-        Ok(Self { folder, touches: scene.touches.len(), has_sensor: scene.sensor.is_some(), has_background })
+        let size = scene.sensor.as_ref().map(|s| {
+            let preset = TactileSensor::preset(&s.model).map_or([0, 0], |p| [p.width, p.height]);
+            [s.width.unwrap_or(preset[0]), s.height.unwrap_or(preset[1])]
+        });
+        Ok(Self { folder, touches: scene.touches.len(), size, has_background })
     }
 
     /// Touches that the scene has.
@@ -37,7 +42,7 @@ impl SceneAppender {
 
     /// Whether the scene names a sensor.
     pub fn has_sensor(&self) -> bool {
-        self.has_sensor
+        self.size.is_some()
     }
 
     /// Whether the scene has a no-contact image.
@@ -50,9 +55,11 @@ impl SceneAppender {
     /// # Errors
     /// As [`Self::add_touch`]; [`IoError::Content`] if there is a sensor already.
     pub fn add_sensor(&mut self, sensor: &TactileSensor, background: &Raster<[u8; 3]>) -> Result<(), IoError> {
-        if self.has_sensor {
+        if self.has_sensor() {
             return Err(IoError::content(&self.folder.join("scene.toml"), "[sensor] is already there"));
         }
+        let size = [sensor.width, sensor.height];
+        self.check_size("touches/background.png", background, Some(size))?;
         create_folder(self.folder.join("touches"))?;
         write_color(self.folder.join("touches/background.png"), background)?;
         let preset = TactileSensor::preset(&sensor.model).is_ok_and(|p| p == *sensor);
@@ -67,7 +74,7 @@ impl SceneAppender {
         }
         text.push_str("background = \"touches/background.png\"\n");
         self.append(&text)?;
-        (self.has_sensor, self.has_background) = (true, true);
+        (self.size, self.has_background) = (Some(size), true);
         Ok(())
     }
 
@@ -80,11 +87,23 @@ impl SceneAppender {
         // Someone else may have put files there.
         let free = (self.touches..).map(|i| format!("touches/{i:03}.png")).find(|f| !self.folder.join(f).exists());
         let file = free.unwrap_or_else(|| format!("touches/{:03}.png", self.touches));
+        self.check_size(&file, image, self.size)?;
         write_color(self.folder.join(&file), image)?;
         let pose = PoseToml::from(world_from_sensor).text();
         self.append(&format!("\n[[touches]]\nimage = \"{file}\"\nworld_from_sensor = {pose}\n"))?;
         self.touches += 1;
         Ok(self.folder.join(file))
+    }
+
+    /// A scene with an image of another size could not be read any more.
+    fn check_size(&self, file: &str, image: &Raster<[u8; 3]>, needed: Option<[usize; 2]>) -> Result<(), IoError> {
+        let found = [image.cols(), image.rows()];
+        match needed {
+            Some(needed) if needed != found => {
+                Err(IoError::Size { path: self.folder.join(file), found, needed, needed_by: "[sensor]" })
+            }
+            _ => Ok(()),
+        }
     }
 
     fn append(&self, block: &str) -> Result<(), IoError> {
@@ -171,6 +190,7 @@ mod tests {
         std::fs::write(path.join("scene.toml"), "format = 1\nbroken").expect("written");
         let error = scene.add_touch(&Raster::filled(2, 2, [0; 3]), &Isometry::identity()).expect_err("broken");
         assert!(error.to_string().contains("scene.toml"), "{error}");
+        assert!(!path.join("touches/001.png").exists());
         assert_eq!(std::fs::read_to_string(path.join("scene.toml")).expect("there"), "format = 1\nbroken");
     }
 }

@@ -108,8 +108,9 @@ pub fn read_sensor(path: impl AsRef<Path>) -> Result<SensorFile, IoError> {
         || wrong(format!("[gel] weights: {} numbers are not a map '{}'", toml.gel.weights.len(), toml.gel.map));
     let map = match toml.gel.map.as_str() {
         "quadratic" => {
-            let pairs = toml.gel.weights.as_chunks::<2>().0.to_vec();
-            GelMap::Quadratic(SlopeRegressor::from_weights(pairs).ok_or_else(bad_weights)?)
+            let (pairs, rest) = toml.gel.weights.as_chunks::<2>();
+            let map = SlopeRegressor::from_weights(pairs.to_vec()).filter(|_| rest.is_empty());
+            GelMap::Quadratic(map.ok_or_else(bad_weights)?)
         }
         "network" => GelMap::Network(SlopeNetwork::from_weights(toml.gel.weights.clone()).ok_or_else(bad_weights)?),
         "table" => {

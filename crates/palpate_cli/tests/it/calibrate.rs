@@ -62,7 +62,9 @@ fn images_without_a_board_are_named_and_nothing_is_written() {
     std::fs::write(bench.path("torn.png"), b"\x89PNG").expect("written");
     let said = bench.camera("5x4", &["flat.png", "torn.png"]);
     said.expect(1, &["flat.png", "no contrast", "torn.png", "no board was found in any of 2 images"]);
-    bench.camera("9x6", &["board.png"]).expect(1, &["no board of 9×6 inner corners", "has 5×4", "inner corners are counted"]);
+    bench
+        .camera("9x6", &["board.png"])
+        .expect(1, &["no board of 9×6 inner corners", "has 5×4", "inner corners are counted"]);
     bench.camera("4x3", &["board.png"]).expect(1, &["at least", "4×3 were announced"]);
     bench.camera("5x4", &["board.png"]).expect(1, &["1 different views of the board", "at least 3 are needed"]);
     bench.put("again.png", &board(20.3, 18.6)).put("once_more.png", &board(20.3, 18.6));
@@ -70,7 +72,9 @@ fn images_without_a_board_are_named_and_nothing_is_written() {
     repeated.expect(1, &["1 different views of the board (2 repeat others)"]);
     // Straight on at different places: nothing tells the focal length.
     bench.put("right.png", &board(44.1, 18.2)).put("below.png", &board(20.3, 30.4)).put("both.png", &board(40.7, 28.9));
-    bench.camera("5x4", &["board.png", "right.png", "below.png", "both.png"]).expect(1, &["ill-conditioned", "tilted by 20°"]);
+    bench
+        .camera("5x4", &["board.png", "right.png", "below.png", "both.png"])
+        .expect(1, &["ill-conditioned", "tilted by 20°"]);
     bench.put("large.png", &Raster::filled(240, 320, [90; 3]));
     bench.camera("5x4", &["board.png", "large.png"]).expect(1, &["large.png is 320×240 px", "board.png is 160×120"]);
     bench.camera("5", &["board.png"]).expect(2, &["'5' is not like 9x6"]);
@@ -133,7 +137,8 @@ fn presses_give_a_sensor_that_decodes_others() {
     let flags = |map| ["--ball-radius", "0.002", "--pixel-pitch", "0.00008", "--map", map];
     for map in ["quadratic", "network", "table"] {
         bench.gel(&PRESSES[..5], &flags(map)).expect(0, &["each press by the others: 5 presses", "0.08000 mm a pixel"]);
-        let decode = ["decode", &bench.path("f.png"), "--sensor", &bench.path("sensor.toml"), "--output", &bench.path("out")];
+        let decode =
+            ["decode", &bench.path("f.png"), "--sensor", &bench.path("sensor.toml"), "--output", &bench.path("out")];
         palpate(decode).expect(0, &["f: contact on"]);
         let heights = read_height_map_npy(bench.path("out/f_height.npy")).expect("written");
         let [x, y] = PLACES[5];
@@ -146,7 +151,10 @@ fn presses_give_a_sensor_that_decodes_others() {
         let allowed = if map == "table" { 0.12 } else { 0.05 };
         assert!((radius / 0.002 - 1.0).abs() < allowed, "{map}: {radius}");
     }
-    let json = bench.gel(&PRESSES[..5], &["--ball-radius", "0.002", "--pixel-pitch", "0.00008", "--json", "--held-out", &bench.path("f.png")]);
+    let json = bench.gel(
+        &PRESSES[..5],
+        &["--ball-radius", "0.002", "--pixel-pitch", "0.00008", "--json", "--held-out", &bench.path("f.png")],
+    );
     json.expect(0, &["\"held_out\":{", "\"residual_mm\":"]);
     serde_json::from_str::<serde_json::Value>(&json.out).expect("one object");
 }
@@ -191,7 +199,7 @@ fn presses_that_cannot_be_used_say_why() {
     };
     one_bad(&background(), &["there is no contact"]);
     one_bad(&press([20.0, 60.0]), &["cut by the border", "20 px from the border"]);
-    one_bad(&Raster::filled(120, 160, [255; 3]), &["over- or underexposed"]);
+    one_bad(&Raster::filled(120, 160, [255, 200, 90]), &["over- or underexposed"]);
     one_bad(&background().map(|p| p.map(|v| v / 4)), &["off the no-contact image"]);
     one_bad(&Raster::filled(60, 160, [90; 3]), &["160×60 px"]);
     one_bad(&press(PLACES[2]).map(|[r, g, b]| [*b, *g, *r]), &["red and blue exchanged"]);
@@ -203,7 +211,9 @@ fn presses_that_cannot_be_used_say_why() {
     let small = ["--ball-radius", "0.001", "--pixel-pitch", "0.00008"];
     bench.gel(&PRESSES, &small).expect(1, &["contact circle has a radius of 1.3", "the ball only 1.000 mm"]);
     bench.gel(&PRESSES, &["--ball-radius", "0.002", "--pixel-pitch", "0.08"]).expect(1, &["pixel_pitch is 0.08 m"]);
-    bench.gel(&PRESSES, &["--ball-radius", "0.002,0.003", "--pixel-pitch", "0.00008"]).expect(1, &["2 values for 6 presses"]);
+    bench
+        .gel(&PRESSES, &["--ball-radius", "0.002,0.003", "--pixel-pitch", "0.00008"])
+        .expect(1, &["2 values for 6 presses"]);
     bench.put("bg.png", &Raster::filled(60, 80, [90, 100, 120]));
     bench.gel(&["a.png", "c.png", "b.png"], &flags).expect(1, &["a.png", "0 usable presses"]);
     assert!(!bench.exists("sensor.toml"));
@@ -215,7 +225,14 @@ fn a_sensor_file_that_is_wrong_names_its_key() {
     bench.gel(&PRESSES, &["--ball-radius", "0.002", "--pixel-pitch", "0.00008"]).expect(0, &[]);
     let good = std::fs::read_to_string(bench.path("sensor.toml")).expect("written");
     let decode = || {
-        palpate(["decode", &bench.path("f.png"), "--sensor", &bench.path("sensor.toml"), "--output", &bench.path("out")])
+        palpate([
+            "decode",
+            &bench.path("f.png"),
+            "--sensor",
+            &bench.path("sensor.toml"),
+            "--output",
+            &bench.path("out"),
+        ])
     };
     for (from, to, said) in [
         ("format = 1", "format = 2", "format = 2; this version reads"),

@@ -8,9 +8,9 @@ use std::path::Path;
 
 /// The gel, pressed so deep (0 to 1).
 fn frame(depth: f64) -> Raster<[u8; 3]> {
-    Raster::from_fn(96, 128, |r, c| {
-        let (y, x) = (r as f64 - 48.0, c as f64 - 60.0);
-        let press = if y.hypot(x) < 24.0 { depth * 2.0 * x } else { 0.0 };
+    Raster::from_fn(240, 320, |r, c| {
+        let (y, x) = (r as f64 - 120.0, c as f64 - 150.0);
+        let press = if y.hypot(x) < 40.0 { depth * 1.5 * x } else { 0.0 };
         [90.0 + press, 120.0, 140.0 - press].map(|v| v as u8)
     })
 }
@@ -86,19 +86,38 @@ fn a_contact_without_a_pose_is_lost_and_said() {
 }
 
 #[test]
+fn frames_of_another_size_than_the_sensors_do_not_spoil_the_scene() {
+    let shop = Workshop::new();
+    let before = std::fs::read(shop.path("s/scene.toml")).expect("there");
+    record(&shop.path("frames"), 1);
+    for entry in std::fs::read_dir(shop.path("frames")).expect("there") {
+        let path = entry.expect("an entry").path();
+        let image = palpate::io::read_color(&path).expect("written");
+        write_color(&path, &Raster::from_fn(120, 320, |r, c| image[(r + 60, c)])).expect("written");
+    }
+    let said = capture(&shop, &["--frames", &shop.text("frames"), "--pose", "-"], FIRST);
+    said.expect(1, &["the size is 320×120", "320×240"]);
+    assert_eq!(std::fs::read(shop.path("s/scene.toml")).expect("there"), before);
+    assert!(!shop.path("s/touches/002.png").exists());
+}
+
+#[test]
 fn what_is_missing_is_said_before_anything_is_recorded() {
     let shop = Workshop::new();
     record(&shop.path("frames"), 0);
     let frames = shop.text("frames");
-    capture(&shop, &["--device", "/dev/video_none", "--pose", "-"], "").expect(1, &["/dev/video_none: there is no such device"]);
-    capture(&shop, &["--frames", &shop.text("lost"), "--pose", "-"], "").expect(1, &["lost: a folder of images or a video"]);
+    capture(&shop, &["--device", "/dev/video_none", "--pose", "-"], "")
+        .expect(1, &["/dev/video_none: there is no such device"]);
+    capture(&shop, &["--frames", &shop.text("lost"), "--pose", "-"], "")
+        .expect(1, &["lost: a folder of images or a video"]);
     capture(&shop, &["--frames", &frames, "--pose", "radio"], "").expect(1, &["--pose radio", "tcp:HOST:PORT"]);
     capture(&shop, &["--frames", &frames, "--pose", "-"], FIRST).expect(3, &["no contact settled in 12 frames"]);
     capture(&shop, &["--pose", "-"], "").expect(2, &["--device"]);
     std::fs::write(shop.path("frames/0005.png"), b"\x89PNG torn").expect("written");
     capture(&shop, &["--frames", &frames, "--pose", "-"], FIRST).expect(1, &["0005.png"]);
     write_color(shop.path("frames/0005.png"), &Raster::filled(10, 20, [9; 3])).expect("written");
-    capture(&shop, &["--frames", &frames, "--pose", "-"], FIRST).expect(1, &["a frame is 20×10 px, those before 128×96"]);
+    capture(&shop, &["--frames", &frames, "--pose", "-"], FIRST)
+        .expect(1, &["a frame is 20×10 px, those before 320×240"]);
     std::fs::remove_file(shop.path("s/scene.toml")).expect("there");
     capture(&shop, &["--frames", &frames, "--pose", "-"], FIRST).expect(1, &["is no scene yet", "palpate init"]);
 }

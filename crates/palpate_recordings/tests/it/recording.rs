@@ -2,6 +2,7 @@
 //! a rosbag2 folder are written anew by `fixtures/make_recording.py`.
 
 use palpate::geometry::Vector;
+use palpate::io::{SceneToWrite, read_scene, write_scene};
 use palpate::tactile::{RelaxedGel, TactileSensor};
 use palpate_recordings::{ImportError, Imported, RecordingSpec, TouchSource, import_recording, summarise};
 use std::path::{Path, PathBuf};
@@ -60,7 +61,14 @@ fn a_recording_of_another_program_becomes_a_scene() {
     let topics = summarise(&fixture(), false).expect("readable");
     assert_eq!((topics["/tf"].count, topics["/gel/image"].count), (11, 3));
     assert_eq!(topics["/camera/depth"].kind, "sensor_msgs/msg/Image");
-    check(&import_recording(&spec(&fixture())).expect("complete"));
+    let imported = import_recording(&spec(&fixture())).expect("complete");
+    check(&imported);
+    // What is written reads back as a scene.
+    let folder = tempfile::tempdir().expect("temporary folder");
+    let background = imported.tactile_background.as_ref();
+    let what = SceneToWrite { tactile_background: background, ..SceneToWrite::new(&imported.scene) };
+    write_scene(folder.path().join("s"), &what).expect("written");
+    assert_eq!(read_scene(folder.path().join("s")).expect("a scene").scene.touches.len(), 2);
     // The poses of /touch are the gel's in the hand's frame.
     let by_pose = RecordingSpec { sensor_frame: None, ..spec(&fixture()) };
     check(&import_recording(&by_pose).expect("complete"));
@@ -122,6 +130,8 @@ fn what_is_missing_is_named() {
     assert!(late.contains("no image within 100 ms of the touch at 104.000 s"), "{late}");
     let pose = wrong(&|s| (s.touches, s.sensor_frame) = (TouchSource::Stamps(vec![100.5]), None));
     assert!(pose.contains("'/gel/image' has no pose for its touches"), "{pose}");
+    let size = wrong(&|s| s.sensor = TactileSensor::preset("digit").ok());
+    assert!(size.contains("the image is 64×48 px, the sensor's are 320×240"), "{size}");
     let size = wrong(&|s| (s.tactile, s.touches) = (Some("/touch".into()), TouchSource::Stamps(vec![100.5])));
     assert!(size.contains("'geometry_msgs/msg/PoseStamped'; sensor_msgs/msg/Image or CompressedImage"), "{size}");
 }

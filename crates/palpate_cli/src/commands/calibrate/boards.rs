@@ -22,6 +22,11 @@ pub(crate) struct BoardArgs {
 }
 
 impl BoardArgs {
+    /// From flags that may be missing.
+    pub(crate) fn of(board: Option<(usize, usize)>, square: Option<f64>, corner_window: Option<usize>) -> Option<Self> {
+        Some(Self { board: board?, square: square?, corner_window })
+    }
+
     pub(crate) fn board(&self) -> anyhow::Result<Board> {
         let board = Board { cols: self.board.0, rows: self.board.1, square: self.square };
         board.validate().context("--board and --square")?;
@@ -34,7 +39,7 @@ impl BoardArgs {
     }
 }
 
-fn parse_size(text: &str) -> Result<(usize, usize), String> {
+pub(crate) fn parse_size(text: &str) -> Result<(usize, usize), String> {
     let numbers: Vec<_> = text.split(['x', 'X', '×']).map(|n| n.trim().parse().ok()).collect();
     match numbers[..] {
         [Some(cols), Some(rows)] => Ok((cols, rows)),

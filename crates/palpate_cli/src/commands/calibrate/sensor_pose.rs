@@ -36,8 +36,15 @@ pub(crate) struct Args {
     /// The camera, calibrated (board)
     #[arg(long, value_name = "TOML")]
     camera: Option<PathBuf>,
-    #[command(flatten)]
-    board: Option<BoardArgs>,
+    /// Inner corners along and across the board (board)
+    #[arg(long, value_name = "COLSxROWS", value_parser = boards::parse_size)]
+    board: Option<(usize, usize)>,
+    /// Side of a square, metres (board)
+    #[arg(long, value_name = "M")]
+    square: Option<f64>,
+    /// Half the side of the window in which a corner is refined, pixels
+    #[arg(long, value_name = "PX")]
+    corner_window: Option<usize>,
     /// Radius of the ball, metres (ball)
     #[arg(long, value_name = "M")]
     ball_radius: Option<f64>,
@@ -150,7 +157,8 @@ fn beside(records: &Path, file: &Path) -> PathBuf {
 }
 
 fn on_board(args: &Args, records: &[(Record, Isometry)]) -> anyhow::Result<Found> {
-    let (Some(camera), Some(board_args)) = (&args.camera, &args.board) else {
+    let board_args = BoardArgs::of(args.board, args.square, args.corner_window);
+    let (Some(camera), Some(board_args)) = (&args.camera, &board_args) else {
         bail!("--target board needs --camera, --board and --square");
     };
     let (camera, board) = (read_camera(camera)?.camera, board_args.board()?);

@@ -58,8 +58,12 @@ pub(super) struct Args {
     /// Take a recording that was cut short as far as it goes
     #[arg(long)]
     allow_truncated: bool,
-    #[command(flatten)]
-    target: Option<Target>,
+    /// Scene folder to make
+    #[arg(short, long, value_name = "SCENE", required_unless_present = "list")]
+    output: Option<PathBuf>,
+    /// Overwrite the scene that is already there
+    #[arg(long)]
+    force: bool,
 }
 
 pub(super) fn run(args: Args) -> anyhow::Result<Outcome> {
@@ -70,7 +74,8 @@ pub(super) fn run(args: Args) -> anyhow::Result<Outcome> {
         return Ok(Outcome::Done);
     }
     let (Some(depth), Some(info)) = (args.depth, args.info) else { bail!("--depth and --info are needed") };
-    let Some(target) = args.target else { bail!("--output SCENE is needed") };
+    let Some(output) = args.output else { bail!("--output SCENE is needed") };
+    let target = Target { output, force: args.force };
     target.check()?;
     let is_file = |s: &str| Path::new(s).extension().is_some_and(|e| e.eq_ignore_ascii_case("toml"));
     let calibration = args.sensor.as_deref().filter(|s| is_file(s)).map(PathBuf::from);
