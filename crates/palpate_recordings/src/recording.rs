@@ -87,7 +87,7 @@ pub fn import_recording(spec: &RecordingSpec) -> Result<Imported, ImportError> {
         })?),
     };
     let moments = moments(spec, &index)?;
-    let mut picked = second_pass(spec, depth_stamp, color_stamp, &moments)?;
+    let mut picked = second_pass(spec, depth_stamp, color_stamp, moments.as_deref())?;
     let world_from_camera = index.tf.lookup(&spec.world_frame, &info.header.frame, depth_stamp)?;
     let depth = picked.depth.take().ok_or_else(|| nothing(&spec.depth, "depth image"))?;
     let depth = match depth {
@@ -267,7 +267,7 @@ fn second_pass(
     spec: &RecordingSpec,
     depth_stamp: i64,
     color_stamp: Option<i64>,
-    moments: &Option<Vec<i64>>,
+    moments: Option<&[i64]>,
 ) -> Result<Picked, ImportError> {
     let mut picked = Picked::default();
     for message in Mcap::open(&spec.path, spec.allow_truncated)? {
@@ -286,7 +286,7 @@ fn second_pass(
             if picked.first_tactile.is_none() {
                 picked.first_tactile = Some(picture(&message)?);
             }
-            if moments.as_ref().is_none_or(|m| m.contains(&at)) {
+            if moments.is_none_or(|m| m.contains(&at)) {
                 picked.touches.insert(at, picture(&message)?);
             }
         }

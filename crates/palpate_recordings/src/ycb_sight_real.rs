@@ -61,7 +61,7 @@ pub fn import_ycb_sight_real(folder: &Path, camera: &PinholeCamera) -> Result<Im
     }
     numbered.sort();
     let mut touches = Vec::new();
-    for (number, path) in numbered.iter().filter(|(n, _)| n % 2 == 1) {
+    for (number, path) in numbered.iter().filter(|(n, _)| !n.is_multiple_of(2)) {
         let gripper = poses.get(*number).ok_or_else(|| fault(format!("robot.csv has no pose for image {number}")))?;
         touches.push(Touch {
             contact: None,
@@ -69,7 +69,7 @@ pub fn import_ycb_sight_real(folder: &Path, camera: &PinholeCamera) -> Result<Im
             world_from_sensor: gripper * gripper_from_sensor,
         });
     }
-    let background = numbered.iter().find(|(n, _)| n % 2 == 0).map(|(_, path)| read_color(path)).transpose()?;
+    let background = numbered.iter().find(|(n, _)| n.is_multiple_of(2)).map(|(_, path)| read_color(path)).transpose()?;
     let frame = Frame {
         camera: *camera,
         world_from_camera,

@@ -3,6 +3,8 @@
 mod board_pictures;
 mod chessboard;
 mod claims;
+mod gel;
+mod hand_eye;
 mod layering;
 mod metrics;
 mod optics;

@@ -121,3 +121,43 @@ fn what_is_missing_is_said_before_anything_is_recorded() {
     std::fs::remove_file(shop.path("s/scene.toml")).expect("there");
     capture(&shop, &["--frames", &frames, "--pose", "-"], FIRST).expect(1, &["is no scene yet", "palpate init"]);
 }
+
+/// A program in place of ffmpeg: gives the frames of a file, then complains and ends, as if the cable had been pulled; called
+/// again, the next file's.
+#[cfg(unix)]
+#[test]
+fn a_device_that_is_unplugged_is_waited_for() {
+    use std::io::Write as _;
+    use std::os::unix::fs::PermissionsExt as _;
+    let shop = Workshop::new();
+    let ppm = |name: &str, depths: &[f64]| {
+        let mut file = std::fs::File::create(shop.path(name)).expect("made");
+        for depth in depths {
+            let image = frame(*depth);
+            write!(file, "P6\n320 240\n255\n").expect("written");
+            file.write_all(image.as_slice().as_flattened()).expect("written");
+        }
+    };
+    let press = [0.5, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0];
+    // Pulled while pressed and saved: the same press is there when it comes back, and is not saved again.
+    ppm("part0", &[&[0.0; 12][..], &press].concat());
+    ppm("part1", &[&[1.0; 8][..], &[0.0; 4], &press].concat());
+    shop.put("video0", b"").put("count", b"0");
+    let script = "#!/bin/sh\ncd \"$(dirname \"$0\")\"\nn=$(cat count)\necho $((n + 1)) > count\ncat part$n\necho 'No such device' >&2\nexit 1\n";
+    shop.put("ffmpeg", script.as_bytes());
+    std::fs::set_permissions(shop.path("ffmpeg"), std::fs::Permissions::from_mode(0o755)).expect("set");
+    let path = format!("{}:{}", shop.path("s").parent().expect("a folder").display(), std::env::var("PATH").expect("set"));
+    let (device, scene) = (shop.text("video0"), shop.text("s"));
+    let args = ["capture", "touch", "--device", &device, "--pose", "-", "--touches", "2", "--output", &scene];
+    let output = Command::new(assert_cmd::cargo::cargo_bin!("palpate"))
+        .args(args)
+        .env("PATH", path)
+        .write_stdin(format!("{FIRST}{SECOND}"))
+        .timeout(std::time::Duration::from_secs(60))
+        .output()
+        .expect("the program starts");
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success(), "{said}");
+    assert!(said.contains("video0 is gone") && said.contains("No such device") && said.contains("waiting"), "{said}");
+    assert_eq!(read_scene(shop.path("s")).expect("a scene").scene.touches.len(), 4);
+}

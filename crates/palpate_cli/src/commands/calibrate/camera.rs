@@ -8,7 +8,7 @@ use palpate::camera::{PinholeCamera, undistort_color};
 use palpate::io::{CameraFile, check_writable, create_folder, read_camera, read_color, write_camera, write_color};
 use serde_json::json;
 use std::collections::BTreeSet;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 #[derive(clap::Args)]
 #[command(after_help = "Examples:
@@ -122,7 +122,7 @@ pub(crate) fn run(args: Args) -> anyhow::Result<Outcome> {
     Ok(if losses { Outcome::Degraded } else { Outcome::Done })
 }
 
-fn undistort(folder: &PathBuf, search: &Search, camera: &PinholeCamera) -> anyhow::Result<()> {
+fn undistort(folder: &Path, search: &Search, camera: &PinholeCamera) -> anyhow::Result<()> {
     create_folder(folder)?;
     for path in search.found.iter().map(|f| &f.path).chain(search.failed.iter().map(|f| &f.0)) {
         // An unreadable image was said to be one.

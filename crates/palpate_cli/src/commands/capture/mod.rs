@@ -109,7 +109,7 @@ fn touch(args: &TouchArgs) -> anyhow::Result<Outcome> {
         "{}: the scene names no sensor; --sensor is needed",
         args.output.display()
     );
-    let hand_eye = args.hand_eye.as_ref().map(read_hand_eye).transpose()?;
+    let hand_eye = args.hand_eye.as_deref().map(read_hand_eye).transpose()?;
     let params = WatchParams { contact: args.contact_level, settle: args.settle, ..WatchParams::default() };
     let watcher = match &args.background {
         Some(path) => ContactWatcher::with_background(params, &read_color(path)?)?,
@@ -136,7 +136,7 @@ struct Pose {
     quaternion_xyzw: [f64; 4],
 }
 
-fn read_hand_eye(path: &PathBuf) -> anyhow::Result<Isometry> {
+fn read_hand_eye(path: &Path) -> anyhow::Result<Isometry> {
     let file: HandEye = toml::from_str(&io::read_text(path)?).with_context(|| path.display().to_string())?;
     let pose = file.gripper_from_sensor;
     io::pose(pose.translation, pose.quaternion_xyzw)
