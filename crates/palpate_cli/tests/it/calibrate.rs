@@ -214,8 +214,9 @@ fn presses_that_cannot_be_used_say_why() {
     bench
         .gel(&PRESSES, &["--ball-radius", "0.002,0.003", "--pixel-pitch", "0.00008"])
         .expect(1, &["2 values for 6 presses"]);
-    bench.put("bg.png", &Raster::filled(60, 80, [90, 100, 120]));
-    bench.gel(&["a.png", "c.png", "b.png"], &flags).expect(1, &["a.png", "0 usable presses"]);
+    bench.put("bg.png", &Raster::filled(60, 90, [90, 100, 120]));
+    let other_size = ["a.png: the image is 160×120 px; the no-contact image is 90×60", "0 usable presses"];
+    bench.gel(&["a.png", "c.png", "b.png"], &flags).expect(1, &other_size);
     assert!(!bench.exists("sensor.toml"));
 }
 

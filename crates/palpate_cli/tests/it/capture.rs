@@ -146,7 +146,8 @@ fn a_device_that_is_unplugged_is_waited_for() {
     let script = "#!/bin/sh\ncd \"$(dirname \"$0\")\"\nn=$(cat count)\necho $((n + 1)) > count\ncat part$n\necho 'No such device' >&2\nexit 1\n";
     shop.put("ffmpeg", script.as_bytes());
     std::fs::set_permissions(shop.path("ffmpeg"), std::fs::Permissions::from_mode(0o755)).expect("set");
-    let path = format!("{}:{}", shop.path("s").parent().expect("a folder").display(), std::env::var("PATH").expect("set"));
+    let path =
+        format!("{}:{}", shop.path("s").parent().expect("a folder").display(), std::env::var("PATH").expect("set"));
     let (device, scene) = (shop.text("video0"), shop.text("s"));
     let args = ["capture", "touch", "--device", &device, "--pose", "-", "--touches", "2", "--output", &scene];
     let output = Command::new(assert_cmd::cargo::cargo_bin!("palpate"))
