@@ -69,7 +69,8 @@ pub fn import_ycb_sight_real(folder: &Path, camera: &PinholeCamera) -> Result<Im
             world_from_sensor: gripper * gripper_from_sensor,
         });
     }
-    let background = numbered.iter().find(|(n, _)| n.is_multiple_of(2)).map(|(_, path)| read_color(path)).transpose()?;
+    let background =
+        numbered.iter().find(|(n, _)| n.is_multiple_of(2)).map(|(_, path)| read_color(path)).transpose()?;
     let frame = Frame {
         camera: *camera,
         world_from_camera,

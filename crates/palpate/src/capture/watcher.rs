@@ -270,7 +270,7 @@ mod tests {
     fn a_gap_needs_stillness_anew_and_saves_no_contact_twice() {
         let mut watcher = ContactWatcher::with_background(WatchParams::default(), &frame(0.0, 0.0, 0))
             .expect("the defaults are valid");
-        let mut step = |watcher: &mut ContactWatcher, depth| watcher.step(&frame(depth, 0.0, 1)).expect("one size");
+        let step = |watcher: &mut ContactWatcher, depth| watcher.step(&frame(depth, 0.0, 1)).expect("one size");
         (0..4).for_each(|_| assert_eq!(step(&mut watcher, 1.0), Watched::Moving));
         watcher.gap();
         let again: Vec<Watched> = (0..7).map(|_| step(&mut watcher, 1.0)).collect();

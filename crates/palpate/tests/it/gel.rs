@@ -40,7 +40,9 @@ fn no_press_of_balls_tells_the_size_of_a_pixel() {
     let presses: Vec<(Image, f64)> = places
         .iter()
         .enumerate()
-        .map(|(i, &place)| if i.is_multiple_of(2) { (press(place, 25.0), 0.0020) } else { (press(place, 35.0), 0.0028) })
+        .map(
+            |(i, &place)| if i.is_multiple_of(2) { (press(place, 25.0), 0.0020) } else { (press(place, 35.0), 0.0028) },
+        )
         .collect();
     let quality = |pitch: f64| {
         let params = GelParams { pitch, map: MapKind::Quadratic, markers: false, seed: 0 };

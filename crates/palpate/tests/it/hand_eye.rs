@@ -18,18 +18,19 @@ const CAMERA: PinholeCamera = PinholeCamera {
     distortion: [-0.28, 0.04, 0.0011, -0.0003, 0.127],
 };
 
-/// Twenty views of a board by a camera in the hand (or of a board in the hand): corners with 0.15 px of noise, the robot with
+/// Thirty views of a board by a camera in the hand (or of a board in the hand): corners with 0.1 px of noise per axis, the robot with
 /// 0.03 mm and 0.003° (its repeatability) per axis.
 fn records(truth: &Isometry, in_hand: bool, seed: u64) -> Vec<PoseRecord> {
     let mut rng = rand_pcg::Pcg64::seed_from_u64(seed);
     let normal = Normal::new(0.0, 1.0).expect("a sigma of 1");
     let middle = Isometry::translation(-0.1, -0.0625, 0.0);
     let mut records = Vec::new();
-    while records.len() < 20 {
+    while records.len() < 30 {
         let mut within = |half: f64| rng.random_range(-half..half);
         // The board in front of the camera, tilted to all sides.
         let at = Isometry::translation(within(0.05), within(0.04), 0.42 + within(0.08));
-        let camera_from_board = at * Isometry::new(Vector::zeros(), Vector::new(within(0.6), within(0.6), within(1.2))) * middle;
+        let camera_from_board =
+            at * Isometry::new(Vector::zeros(), Vector::new(within(0.6), within(0.6), within(1.2))) * middle;
         // The board in the base (or, for a standing camera, in the hand).
         let target = Isometry::new(Vector::new(0.5, 0.1, 0.02), Vector::new(0.1, 0.2, 0.7));
         let hand = if in_hand {
@@ -43,7 +44,7 @@ fn records(truth: &Isometry, in_hand: bool, seed: u64) -> Vec<PoseRecord> {
             .collect();
         let Some(mut corners) = corners else { continue };
         let mut noise = |sigma: f64| sigma * normal.sample(&mut rng);
-        corners.iter_mut().flatten().for_each(|v| *v += noise(0.15));
+        corners.iter_mut().flatten().for_each(|v| *v += noise(0.1));
         let shake = Isometry::new(
             Vector::new(noise(3e-5), noise(3e-5), noise(3e-5)),
             Vector::new(noise(5e-5), noise(5e-5), noise(5e-5)),

@@ -4,7 +4,7 @@ use crate::geometry::{Isometry, Vector};
 use nalgebra::{DMatrix, DVector, Matrix3, Matrix6, Rotation3, Translation3, UnitQuaternion};
 
 const LEAST: usize = 3;
-const GOOD: usize = 12;
+const GOOD: usize = 30;
 /// Turn between two hand poses that is needed, radians.
 const LEAST_TURN: f64 = 0.1;
 

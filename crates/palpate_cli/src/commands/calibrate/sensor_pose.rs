@@ -22,7 +22,7 @@ Examples:
   palpate calibrate sensor-pose records.toml --target board --standing --camera camera.toml --board 9x6 --square 0.025 --output base_from_camera.toml
   palpate calibrate sensor-pose records.toml --target ball --ball-radius 0.006 --sensor sensor.toml --output sensor_in_hand.toml
 
-Twelve and more records, the hand turned about all axes by 20° and more; on the ball twenty, spread over the pad.")]
+Thirty records of a board, forty of a ball, spread over the pad; the hand turned about all axes by 20° and more.")]
 pub(crate) struct Args {
     /// Where the hand was and what the sensor saw
     #[arg(value_name = "RECORDS")]
