@@ -6,7 +6,9 @@
 //! pressed pose, +z out of the gel into the object, x along columns, y along rows), `object` (ground-truth mesh).
 //! Pixel (u, v) has integer coordinates at its centre; rasters are indexed (row, col).
 
+pub mod calibrate;
 pub mod camera;
+pub mod capture;
 pub mod completion;
 pub mod evidence;
 pub mod geometry;

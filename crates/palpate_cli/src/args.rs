@@ -23,6 +23,14 @@ enum Command {
     Check(commands::check::Args),
     /// One RGB-D frame and some touches in, a closed metric mesh out
     Reconstruct(commands::reconstruct::Args),
+    /// Calibrate a camera, a gel, or where a sensor sits on the robot
+    Calibrate(commands::calibrate::Args),
+    /// Record touches from a tactile sensor into a scene
+    Capture(commands::capture::Args),
+    /// Make a scene from a recording or a data set of others
+    Import(commands::import::Args),
+    /// Depth and colour of two cameras in one raster
+    Register(commands::register::Args),
     /// Simulate scenes with exact truth from meshes
     Simulate(commands::simulate::Args),
     /// Simulate tactile presses with truth, to train and test decoders
@@ -69,6 +77,10 @@ impl Args {
             Command::Init(args) => commands::init::run(args),
             Command::Check(args) => commands::check::run(args),
             Command::Reconstruct(args) => commands::reconstruct::run(args),
+            Command::Calibrate(args) => commands::calibrate::run(args),
+            Command::Capture(args) => commands::capture::run(args),
+            Command::Import(args) => commands::import::run(args),
+            Command::Register(args) => commands::register::run(args),
             Command::Simulate(args) => commands::simulate::run(args),
             Command::Presses(args) => commands::presses::run(args),
             Command::Clean(args) => commands::clean::run(args),

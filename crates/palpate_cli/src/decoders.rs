@@ -1,7 +1,7 @@
 //! From flags to a tactile decoder.
 
 use anyhow::{Context as _, bail};
-use palpate::io::{read_color, read_compact_weights, read_lookup_table};
+use palpate::io::{read_color, read_compact_weights, read_lookup_table, read_sensor};
 use palpate::simulate::simulated_lookup_table;
 use palpate::tactile::compact::CompactDecoder;
 use palpate::tactile::{Border, LookupDecoder, NoContact, TactileDecoder, TactileSensor, ThresholdDecoder};
@@ -20,6 +20,8 @@ pub(crate) enum DecoderKind {
     Threshold,
     /// The published network; needs --weights and a build with the feature `nn`
     Fcrn,
+    /// The gel's own calibration (`palpate calibrate gel`); needs --calibration
+    Calibrated,
 }
 
 impl DecoderKind {
@@ -30,6 +32,7 @@ impl DecoderKind {
             Self::LookupFree => "lookup-free",
             Self::Threshold => "threshold",
             Self::Fcrn => "fcrn",
+            Self::Calibrated => "calibrated",
         }
     }
 
@@ -52,6 +55,9 @@ pub(crate) struct DecoderFiles {
     /// Weights of a contact network, for the decoder 'fcrn'; without them contact is read off the heights
     #[arg(long, value_name = "FILE", requires = "weights")]
     pub(crate) mask_weights: Option<PathBuf>,
+    /// Calibration of this very sensor, for the decoder 'calibrated': the sensor.toml of `palpate calibrate gel`
+    #[arg(long, value_name = "TOML")]
+    pub(crate) calibration: Option<PathBuf>,
 }
 
 /// Makes a decoder for a sensor whose no-contact image this is.
@@ -83,7 +89,38 @@ pub(crate) fn make(
                 .with_context(|| format!("weights {}", path.display()))?,
         })),
         DecoderKind::Fcrn => fcrn(no_contact, files),
+        DecoderKind::Calibrated => calibrated(&no_contact, sensor, files),
     }
+}
+
+fn calibrated(
+    no_contact: &NoContact,
+    sensor: &TactileSensor,
+    files: &DecoderFiles,
+) -> anyhow::Result<Box<dyn TactileDecoder>> {
+    let Some(path) = &files.calibration else {
+        bail!("the decoder 'calibrated' needs --calibration: the sensor.toml of `palpate calibrate gel`");
+    };
+    let file = read_sensor(path)?;
+    let ((width, height), (found_width, found_height)) = (sensor.pad_size(), file.sensor.pad_size());
+    // A pixel of another size would scale every height without a word.
+    let same = |a: f64, b: f64| (a / b - 1.0).abs() < 0.005;
+    if !same(width, found_width) || !same(height, found_height) {
+        bail!(
+            "{}: the calibrated pad is {:.2}×{:.2} mm, the sensor's is {:.2}×{:.2} mm (width × height): is it of this sensor? A scene of \
+             this sensor has model = \"custom\", width = {}, height = {}, pixel_pitch = {:?}",
+            path.display(),
+            1e3 * found_width,
+            1e3 * found_height,
+            1e3 * width,
+            1e3 * height,
+            file.sensor.width,
+            file.sensor.height,
+            file.sensor.pixel_pitch
+        );
+    }
+    let decoder = file.decoder(Some(no_contact.image())).with_context(|| path.display().to_string())?;
+    Ok(Box::new(decoder))
 }
 
 #[cfg(feature = "nn")]

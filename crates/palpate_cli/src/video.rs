@@ -28,11 +28,26 @@ impl Frames {
         if !path.is_file() {
             bail!("cannot read {}: there is no such file", path.display());
         }
+        Self::start(path, &[])
+    }
+
+    /// Starts `ffmpeg` on a V4L2 device.
+    ///
+    /// * `options` – of ffmpeg, before the input
+    pub(crate) fn open_device(path: &Path, options: &[String]) -> anyhow::Result<Self> {
+        let mut all = vec!["-f".to_owned(), "v4l2".to_owned()];
+        all.extend_from_slice(options);
+        Self::start(path, &all)
+    }
+
+    fn start(path: &Path, options: &[String]) -> anyhow::Result<Self> {
         // A path that begins with '-' would be taken for a flag.
         let input = if path.is_absolute() { path.to_owned() } else { Path::new(".").join(path) };
         let complaints = tempfile::tempfile().context("making a temporary file")?;
         let child = Command::new("ffmpeg")
-            .args(["-v", "error", "-nostdin", "-i"])
+            .args(["-v", "error", "-nostdin"])
+            .args(options)
+            .arg("-i")
             .arg(input)
             .args(["-an", "-f", "image2pipe", "-c:v", "ppm", "-"])
             .stdin(Stdio::null())
@@ -41,8 +56,7 @@ impl Frames {
             .spawn();
         let mut child = match child {
             Err(error) if error.kind() == ErrorKind::NotFound => bail!(
-                "{} is a video, and the program `ffmpeg` that decodes it is not on the PATH; install it, or give the frames as \
-                 images",
+                "the program `ffmpeg`, which reads {}, is not on the PATH; install it, or give the frames of a video as images",
                 path.display()
             ),
             other => other.context("starting ffmpeg")?,

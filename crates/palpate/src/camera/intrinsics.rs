@@ -1,5 +1,6 @@
 use super::CameraError;
 use crate::geometry::{Point, Vector};
+use nalgebra::{Matrix2x3, SMatrix};
 use serde::{Deserialize, Serialize};
 
 /// Round trips of valid cameras are exact to this, pixels.
@@ -68,6 +69,28 @@ impl PinholeCamera {
             (x, y) = self.distort(x, y);
         }
         Some((self.fx * x + self.cx, self.fy * y + self.cy))
+    }
+
+    /// Pixel (u, v) of a point in the camera frame, how it changes with the point, and with fx, fy, cx, cy, k1, k2, p1, p2, k3;
+    /// `None` at or behind the camera plane.
+    pub fn project_with_jacobians(&self, p: &Point) -> Option<([f64; 2], Matrix2x3<f64>, SMatrix<f64, 2, 9>)> {
+        if p.z <= 1e-9 {
+            return None;
+        }
+        let (x, y) = (p.x / p.z, p.y / p.z);
+        let (xd, yd) = self.distort(x, y);
+        let [[a, b], [c, d]] = self.distortion_jacobian(x, y);
+        let (fx, fy) = (self.fx, self.fy);
+        let by_point =
+            Matrix2x3::new(fx * a, fx * b, -fx * (a * x + b * y), fy * c, fy * d, -fy * (c * x + d * y)) / p.z;
+        let r2 = x * x + y * y;
+        let (r4, r6) = (r2 * r2, r2 * r2 * r2);
+        #[rustfmt::skip]
+        let by_camera = SMatrix::<f64, 2, 9>::from_row_slice(&[
+            xd, 0.0, 1.0, 0.0, fx * x * r2, fx * x * r4, fx * 2.0 * x * y, fx * (r2 + 2.0 * x * x), fx * x * r6,
+            0.0, yd, 0.0, 1.0, fy * y * r2, fy * y * r4, fy * (r2 + 2.0 * y * y), fy * 2.0 * x * y, fy * y * r6,
+        ]);
+        Some(([fx * xd + self.cx, fy * yd + self.cy], by_point, by_camera))
     }
 
     /// Whether a pixel position lies on the image; the outer half pixel counts.
@@ -176,6 +199,37 @@ mod tests {
                 let (pu, pv) = camera.project(&Point::from(camera.ray(u, v) * 0.7)).expect("in front");
                 assert!((pu - u).hypot(pv - v) < 1e-9, "{distortion:?} ({u}, {v}) came back as ({pu}, {pv})");
             }
+        }
+    }
+
+    #[test]
+    fn jacobians_are_the_differences_of_projections() {
+        let (camera, p) = (camera([-0.265, -0.047, 0.0018, -0.0003, 0.252]), Point::new(0.13, -0.21, 0.6));
+        let (pixel, by_point, by_camera) = camera.project_with_jacobians(&p).expect("in front");
+        assert_eq!(camera.project(&p), Some((pixel[0], pixel[1])));
+        let h = 1e-6;
+        for k in 0..3 {
+            let (mut low, mut high) = (p, p);
+            (low[k], high[k]) = (p[k] - h, p[k] + h);
+            let (a, b) = (camera.project(&low).expect("in front"), camera.project(&high).expect("in front"));
+            let found = [(b.0 - a.0) / (2.0 * h), (b.1 - a.1) / (2.0 * h)];
+            assert!((found[0] - by_point[(0, k)]).abs() < 1e-4 && (found[1] - by_point[(1, k)]).abs() < 1e-4, "{k}");
+        }
+        let with = |k: usize, by: f64| {
+            let mut c = camera;
+            match k {
+                0 => c.fx += by,
+                1 => c.fy += by,
+                2 => c.cx += by,
+                3 => c.cy += by,
+                _ => c.distortion[k - 4] += by,
+            }
+            c.project(&p).expect("in front")
+        };
+        for k in 0..9 {
+            let (a, b) = (with(k, -h), with(k, h));
+            let found = [(b.0 - a.0) / (2.0 * h), (b.1 - a.1) / (2.0 * h)];
+            assert!((found[0] - by_camera[(0, k)]).abs() < 1e-4 && (found[1] - by_camera[(1, k)]).abs() < 1e-4, "{k}");
         }
     }
 

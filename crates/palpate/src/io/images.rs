@@ -110,6 +110,24 @@ pub fn parse_color(name: &Path, bytes: &[u8]) -> Result<Raster<[u8; 3]>, IoError
     Ok(raster(image.width(), image.height(), pixels))
 }
 
+/// Reads an image as grey values: 16-bit grey as it is (infrared), anything else as 8-bit luma. PNG or JPEG.
+///
+/// # Errors
+/// [`IoError::Read`] or [`IoError::Malformed`].
+pub fn read_gray(path: impl AsRef<Path>) -> Result<Raster<f32>, IoError> {
+    let path = path.as_ref();
+    let (width, height, values) = match decode(path, &read_bytes(path)?, &[ImageFormat::Png, ImageFormat::Jpeg])? {
+        DynamicImage::ImageLuma16(image) => {
+            (image.width(), image.height(), image.as_raw().iter().map(|&v| f32::from(v)).collect())
+        }
+        other => {
+            let image = other.into_luma8();
+            (image.width(), image.height(), image.as_raw().iter().map(|&v| f32::from(v)).collect())
+        }
+    };
+    Ok(raster(width, height, values))
+}
+
 /// Writes an sRGB image as PNG.
 ///
 /// # Errors

@@ -6,6 +6,7 @@
 //! Writers go through [`atomic_write`]: a file under its final name is always complete.
 
 mod atomic;
+mod camera_file;
 mod error;
 mod glb;
 mod images;
@@ -20,18 +21,21 @@ mod ply;
 mod press_set;
 mod raw;
 mod scene;
+mod scene_append;
 mod scene_format;
 mod scene_write;
+mod sensor_file;
 mod stl;
 mod text;
 mod weights;
 mod ycb_sight;
 
 pub use atomic::atomic_write;
+pub use camera_file::{CameraFile, pose, read_camera, read_extrinsics, write_camera, write_extrinsics};
 pub use error::IoError;
 pub use images::{
-    parse_color, parse_depth_png, parse_mask, read_color, read_depth_png, read_mask, write_color, write_depth_png,
-    write_jpeg, write_mask,
+    parse_color, parse_depth_png, parse_mask, read_color, read_depth_png, read_gray, read_mask, write_color,
+    write_depth_png, write_jpeg, write_mask,
 };
 pub use lookup_table::read_lookup_table;
 pub use mesh_files::{
@@ -41,7 +45,9 @@ pub use npy::{NpyArray, parse_npy, read_height_map_npy, read_npy, write_height_m
 pub use object_split::{ObjectSplit, SplitPart, parse_object_split, read_object_split};
 pub use press_set::{PressSet, PressSetHeader, begin_press_set, has_press_shard, write_press_shard};
 pub use scene::{SceneCheck, SceneFile, check_scene, read_scene};
+pub use scene_append::SceneAppender;
 pub use scene_write::{NewScene, SceneToWrite, init_scene, write_scene};
+pub use sensor_file::{SensorFile, copy_sensor, read_sensor, write_sensor};
 pub use text::{check_mesh_output, check_writable, create_folder, read_text, write_text};
 pub use weights::read_compact_weights;
 pub use ycb_sight::{YcbSightFile, read_ycb_sight, read_ycb_sight_press, write_ycb_sight};

@@ -100,7 +100,7 @@ impl PoseToml {
         Ok((isometry, ((length - 1.0).abs() > 1e-3).then_some(length)))
     }
 
-    fn text(&self) -> String {
+    pub(super) fn text(&self) -> String {
         format!("{{ translation = {:?}, quaternion_xyzw = {:?} }}", self.translation, self.quaternion_xyzw)
     }
 }

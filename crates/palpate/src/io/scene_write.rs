@@ -11,7 +11,7 @@ use super::{
     write_height_map_npy, write_jpeg, write_mask, write_mesh,
 };
 use crate::camera::{Background, PinholeCamera};
-use crate::geometry::{Raster, TriangleMesh};
+use crate::geometry::{Isometry, Raster, TriangleMesh};
 use crate::scene::Scene;
 use crate::tactile::{RelaxedGel, TactileSensor, Touch};
 use std::io::Write as _;
@@ -186,6 +186,8 @@ pub struct NewScene {
     pub depth: PathBuf,
     /// Focal lengths and principal point, pixels, with the distortion; width and height come from the depth image.
     pub intrinsics: PinholeCamera,
+    /// Where the camera stands, if known.
+    pub world_from_camera: Option<Isometry>,
     /// Colour image of the same size, PNG or JPEG.
     pub color: Option<PathBuf>,
     /// Mask of the same size, PNG.
@@ -224,7 +226,8 @@ pub fn init_scene(folder: impl AsRef<Path>, new: &NewScene) -> Result<Vec<String
         sigma: 0.0,
         sigma_quadratic: 0.0,
     };
-    let mut toml = SceneToml::new(name, camera_toml(&camera, None), depth_toml);
+    let mut toml =
+        SceneToml::new(name, camera_toml(&camera, new.world_from_camera.as_ref().map(PoseToml::from)), depth_toml);
     let mut copies = vec![("depth.png".to_string(), bytes)];
     let fits = |path: &Path, (rows, cols): (usize, usize)| {
         let (found, needed) = ([cols, rows], [camera.width, camera.height]);

@@ -98,6 +98,13 @@ impl LookupTable {
         Ok(Self { slopes: magnitude.1.iter().zip(direction.1).map(slope).collect() })
     }
 
+    /// The table as [`Self::from_arrays`] takes it: slope angle and direction, radians.
+    pub fn to_arrays(&self) -> (Vec<f64>, Vec<f64>) {
+        let angle = |s: &[f32; 2]| f64::from(s[0].hypot(s[1])).atan().min(Self::STEEPEST);
+        let direction = |s: &[f32; 2]| f64::from(s[1]).atan2(f64::from(s[0]));
+        (self.slopes.iter().map(angle).collect(), self.slopes.iter().map(direction).collect())
+    }
+
     /// Fills a table from pixels whose slope is known, as presses of a ball give them: each cell the mean of its samples, an
     /// empty one that of the nearest filled cell.
     ///

@@ -117,6 +117,22 @@ impl SlopeRegressor {
         relative
     }
 
+    /// Its coefficients: for each term, its share of the slope along columns and along rows.
+    pub fn weights(&self) -> &[[f32; 2]] {
+        &self.weights
+    }
+
+    /// A regressor of stored coefficients; `None` unless there are as many as terms and all are finite.
+    pub fn from_weights(weights: Vec<[f32; 2]>) -> Option<Self> {
+        let sound = weights.len() == TERMS && weights.iter().flatten().all(|w| w.is_finite());
+        sound.then_some(Self { weights })
+    }
+
+    /// Where a pixel is in an image, −1 to 1 along columns and rows: the place of [`Self::slope`].
+    pub fn place(row: usize, col: usize, rows: usize, cols: usize) -> [f32; 2] {
+        place(row, col, rows, cols)
+    }
+
     /// The slope that goes with a relative difference at a place.
     #[inline]
     pub fn slope(&self, relative: [f32; 3], place: [f32; 2]) -> [f32; 2] {

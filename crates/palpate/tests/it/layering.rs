@@ -6,6 +6,8 @@ const RANKS: &[(&str, u8)] = &[
     ("geometry", 0),
     ("camera", 1),
     ("tactile", 1),
+    ("calibrate", 2),
+    ("capture", 2),
     ("scene", 2),
     ("evidence", 2),
     ("surface", 2),

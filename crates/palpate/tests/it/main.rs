@@ -1,6 +1,10 @@
 //! One integration binary: linking is what costs.
 
+mod board_pictures;
+mod chessboard;
 mod claims;
+mod gel;
+mod hand_eye;
 mod layering;
 mod metrics;
 mod optics;

@@ -4,9 +4,9 @@ use crate::progress::LateBar;
 use crate::video::{self, Frames};
 use anyhow::{Context as _, bail};
 use palpate::geometry::Raster;
-use palpate::io::{create_folder, read_color, write_color, write_height_map_npy, write_mask};
+use palpate::io::{create_folder, read_color, read_sensor, write_color, write_height_map_npy, write_mask};
 use palpate::render::render_contact;
-use palpate::tactile::{Contact, TactileDecoder, TactileSensor};
+use palpate::tactile::{Contact, NoContact, TactileDecoder, TactileSensor};
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -28,18 +28,18 @@ pub(crate) struct Args {
     /// Tactile images (.png .jpg), folders of them, or videos (.mp4 .avi .mkv .mov .webm; needs the program ffmpeg)
     #[arg(required = true, value_name = "IMAGE")]
     images: Vec<PathBuf>,
-    /// No-contact image of this very sensor in this light; images may be 2, 3, … times as large
+    /// No-contact image of this very sensor in this light; images may be 2, 3, … times as large [default: that of a calibrated sensor]
     #[arg(short, long, value_name = "BG")]
-    background: PathBuf,
-    /// Sensor: ycb-sight, gelsight-r15, gelsight-mini, digit
-    #[arg(short, long, value_name = "PRESET")]
+    background: Option<PathBuf>,
+    /// Sensor: ycb-sight, gelsight-r15, gelsight-mini, digit, or the sensor.toml of `palpate calibrate gel`
+    #[arg(short, long, value_name = "PRESET|TOML")]
     sensor: String,
     /// Folder for the maps; made if it is missing
     #[arg(short, long, value_name = "DIR")]
     output: PathBuf,
-    /// How images are decoded
-    #[arg(long, value_enum, default_value_t = DecoderKind::Compact)]
-    decoder: DecoderKind,
+    /// How images are decoded [default: calibrated for a calibrated sensor, else compact]
+    #[arg(long, value_enum)]
+    decoder: Option<DecoderKind>,
     #[command(flatten)]
     files: DecoderFiles,
     /// Also draw each image beside its height map
@@ -69,10 +69,24 @@ struct Tally {
 }
 
 pub(crate) fn run(args: Args) -> anyhow::Result<Outcome> {
-    let sensor = TactileSensor::preset(&args.sensor)?;
+    let calibrated = Path::new(&args.sensor).extension().is_some_and(|e| e.eq_ignore_ascii_case("toml"));
+    let file = calibrated.then(|| read_sensor(&args.sensor)).transpose()?;
+    let sensor = match &file {
+        Some(file) => file.sensor.clone(),
+        None => TactileSensor::preset(&args.sensor)?,
+    };
     let sources = collect(&args.images)?;
-    let no_contact = decoders::read_no_contact(&args.background, &sensor)?;
-    let decoder = decoders::make(args.decoder, no_contact, &sensor, &args.files)?;
+    let no_contact = match (&args.background, file) {
+        (Some(path), _) => decoders::read_no_contact(path, &sensor)?,
+        (None, Some(file)) => NoContact::new(file.background, &sensor).with_context(|| args.sensor.clone())?,
+        (None, None) => bail!("--background is needed: a no-contact image of this very sensor"),
+    };
+    let mut files = args.files.clone();
+    if calibrated && files.calibration.is_none() {
+        files.calibration = Some(PathBuf::from(&args.sensor));
+    }
+    let usual = if files.calibration.is_some() { DecoderKind::Calibrated } else { DecoderKind::Compact };
+    let decoder = decoders::make(args.decoder.unwrap_or(usual), no_contact, &sensor, &files)?;
     create_folder(&args.output)?;
     let job = Job { decoder: &*decoder, sensor: &sensor, output: &args.output, picture: args.picture };
     let mut tally = Tally::default();

@@ -1,7 +1,8 @@
 use crate::Outcome;
 use anyhow::{Context as _, bail, ensure};
 use palpate::camera::{Background, PinholeCamera};
-use palpate::io::{NewScene, init_scene};
+use palpate::geometry::Isometry;
+use palpate::io::{NewScene, init_scene, read_camera};
 use serde::Deserialize;
 use std::path::{Path, PathBuf};
 
@@ -10,8 +11,9 @@ pub(crate) struct Args {
     /// Depth image: 16-bit grey PNG, 0 = no reading
     #[arg(long, value_name = "PNG")]
     depth: PathBuf,
-    /// fx,fy,cx,cy in pixels, or a JSON file with these keys (and, optionally, distortion: k1 k2 p1 p2 k3)
-    #[arg(long, value_name = "FX,FY,CX,CY|JSON", allow_hyphen_values = true)]
+    /// fx,fy,cx,cy in pixels; a camera.toml of `palpate calibrate camera`; or a JSON file with these keys (and, optionally,
+    /// distortion: k1 k2 p1 p2 k3)
+    #[arg(long, value_name = "FX,FY,CX,CY|TOML|JSON", allow_hyphen_values = true)]
     intrinsics: String,
     /// Colour image of the same size and view, PNG or JPEG
     #[arg(long, value_name = "IMAGE")]
@@ -47,8 +49,10 @@ pub(crate) fn run(args: Args) -> anyhow::Result<Outcome> {
         "--metres-per-unit {}: a finite number > 0 is needed",
         args.metres_per_unit
     );
+    let (intrinsics, world_from_camera) = intrinsics(&args.intrinsics)?;
     let new = NewScene {
-        intrinsics: intrinsics(&args.intrinsics)?,
+        intrinsics,
+        world_from_camera,
         depth: args.depth,
         color: args.color,
         mask: args.mask,
@@ -77,16 +81,20 @@ struct Calibration {
     distortion: serde_json::Value,
 }
 
-fn intrinsics(text: &str) -> anyhow::Result<PinholeCamera> {
+fn intrinsics(text: &str) -> anyhow::Result<(PinholeCamera, Option<Isometry>)> {
     let camera =
         |[fx, fy, cx, cy]: [f64; 4], distortion| PinholeCamera { width: 1, height: 1, fx, fy, cx, cy, distortion };
     let numbers: Vec<Option<f64>> = text.split(',').map(|n| n.trim().parse().ok()).collect();
     if let [Some(fx), Some(fy), Some(cx), Some(cy)] = numbers[..] {
-        return Ok(camera([fx, fy, cx, cy], [0.0; 5]));
+        return Ok((camera([fx, fy, cx, cy], [0.0; 5]), None));
     }
     let path = Path::new(text);
+    if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("toml")) {
+        let file = read_camera(path)?;
+        return Ok((file.camera, file.world_from_camera));
+    }
     if !path.extension().is_some_and(|e| e.eq_ignore_ascii_case("json")) {
-        bail!("--intrinsics {text}: four numbers FX,FY,CX,CY or a .json file are needed");
+        bail!("--intrinsics {text}: four numbers FX,FY,CX,CY, a .toml or a .json file are needed");
     }
     let content = std::fs::read_to_string(path).with_context(|| format!("cannot read {text}"))?;
     let found: Calibration =
@@ -100,5 +108,5 @@ fn intrinsics(text: &str) -> anyhow::Result<PinholeCamera> {
     } else {
         [0.0; 5]
     };
-    Ok(camera([found.fx, found.fy, found.cx, found.cy], distortion))
+    Ok((camera([found.fx, found.fy, found.cx, found.cy], distortion), None))
 }

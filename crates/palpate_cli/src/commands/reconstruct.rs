@@ -73,7 +73,8 @@ enum SurfaceArg {
 
 #[derive(Clone, Copy, PartialEq, clap::ValueEnum)]
 enum DecoderArg {
-    /// Recorded maps; the compact network where a touch has only an image.
+    /// Recorded maps; where a touch has only an image, the gel's calibration if there is one (--calibration, or sensor.toml in
+    /// the scene's folder), else the compact network.
     Auto,
     /// Recorded maps; images are ignored.
     Recorded,
@@ -83,6 +84,8 @@ enum DecoderArg {
     Lookup,
     /// Images, by the published network; needs --weights and a build with the feature `nn`.
     Fcrn,
+    /// Images, by the gel's calibration: --calibration, or sensor.toml in the scene's folder.
+    Calibrated,
 }
 
 impl DecoderArg {
@@ -93,6 +96,7 @@ impl DecoderArg {
             Self::Auto | Self::Compact => Some(DecoderKind::Compact),
             Self::Lookup => Some(DecoderKind::Lookup),
             Self::Fcrn => Some(DecoderKind::Fcrn),
+            Self::Calibrated => Some(DecoderKind::Calibrated),
         }
     }
 }
@@ -189,7 +193,7 @@ fn reconstruct_one(
     let clock = StageClock::start();
     clock.begin("read");
     let mut file = read_input(folder, params.seed)?;
-    let decoder = decoder(&mut file, args)?;
+    let decoder = decoder(&mut file, folder, args)?;
     for warning in &file.warnings {
         clock.say(&format!("warning: {warning}"));
     }
@@ -215,7 +219,7 @@ fn reconstruct_one(
 
 /// The decoder of the scene's tactile images, if any is to be decoded. Recorded maps beside images are dropped where the images
 /// were asked for.
-fn decoder(file: &mut SceneFile, args: &Args) -> anyhow::Result<Option<Box<dyn TactileDecoder>>> {
+fn decoder(file: &mut SceneFile, folder: &Path, args: &Args) -> anyhow::Result<Option<Box<dyn TactileDecoder>>> {
     let Some(kind) = args.decoder.kind() else { return Ok(None) };
     if args.decoder != DecoderArg::Auto {
         for touch in file.scene.touches.iter_mut().filter(|touch| touch.image.is_some()) {
@@ -228,7 +232,14 @@ fn decoder(file: &mut SceneFile, args: &Args) -> anyhow::Result<Option<Box<dyn T
         format!("scene '{}': [sensor] background (the no-contact image) is needed to decode images", file.scene.name)
     })?;
     let no_contact = NoContact::new(background, sensor).context("[sensor] background")?;
-    decoders::make(kind, no_contact, sensor, &args.decoder_files).map(Some)
+    let mut files = args.decoder_files.clone();
+    let beside = if folder.is_file() { folder.with_file_name("sensor.toml") } else { folder.join("sensor.toml") };
+    if files.calibration.is_none() && beside.is_file() {
+        files.calibration = Some(beside);
+    }
+    let calibrated = args.decoder == DecoderArg::Auto && files.calibration.is_some();
+    let kind = if calibrated { DecoderKind::Calibrated } else { kind };
+    decoders::make(kind, no_contact, sensor, &files).map(Some)
 }
 
 /// A scene folder, or an object in the YCB-Sight layout (told by its `pose.txt`).

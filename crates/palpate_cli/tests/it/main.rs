@@ -1,8 +1,11 @@
 //! What only a process shows: exit status, messages, files.
 
 mod bad_input;
+mod calibrate;
+mod capture;
 mod compare;
 mod decode;
+mod import;
 mod presses;
 mod reconstruct;
 mod render;

@@ -1,0 +1,212 @@
+use super::boards::{self, BoardArgs, Search, name};
+use crate::Outcome;
+use anyhow::{Context as _, bail};
+use palpate::calibrate::camera::{
+    BoardView, CameraCalibration, Fixed, Outliers, calibrate_camera, coverage, draw_coverage,
+};
+use palpate::camera::{PinholeCamera, undistort_color};
+use palpate::io::{CameraFile, check_writable, create_folder, read_camera, read_color, write_camera, write_color};
+use serde_json::json;
+use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
+
+#[derive(clap::Args)]
+#[command(after_help = "Examples:
+  palpate calibrate camera pictures/ --board 9x6 --square 0.025 --output camera.toml --coverage coverage.png
+  palpate calibrate camera ir/*.png --board 9x6 --square 0.025 --fix k3 --output infrared.toml
+
+Ten to twenty pictures are good: the board tilted by 20° to 45° to all sides, near and far, and into each corner of the image. camera.toml holds the
+table [camera] of a scene. Good: rms under 0.3 px, fx ± under 0.5 %.
+
+Exit status 1: no calibration; 3: done, but some images showed no board or fit badly.")]
+pub(crate) struct Args {
+    /// Pictures of the board, or folders of them; colour, grey, or 16-bit infrared (cover the projector)
+    #[arg(required = true, value_name = "IMAGE")]
+    images: Vec<PathBuf>,
+    #[command(flatten)]
+    board: BoardArgs,
+    /// File for the camera
+    #[arg(short, long, value_name = "TOML")]
+    output: PathBuf,
+    /// Parameters to keep: aspect (fx = fy), centre, focal, k1, k2, tangential (p1, p2), k3, distortion (all five)
+    #[arg(long, value_enum, value_delimiter = ',', value_name = "NAME")]
+    fix: Vec<Fix>,
+    /// A camera to start from; parameters of --fix keep its values, and not 0
+    #[arg(long, value_name = "TOML")]
+    start: Option<PathBuf>,
+    /// Leave out pictures that fit over three times worse than the usual one
+    #[arg(long)]
+    drop_outliers: bool,
+    /// Write the pictures without distortion into this folder
+    #[arg(long, value_name = "DIR")]
+    undistort: Option<PathBuf>,
+    /// Draw where in the image the corners fell
+    #[arg(long, value_name = "PNG")]
+    coverage: Option<PathBuf>,
+    /// One JSON object on standard output
+    #[arg(long)]
+    json: bool,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, clap::ValueEnum)]
+enum Fix {
+    Aspect,
+    Centre,
+    Focal,
+    K1,
+    K2,
+    Tangential,
+    K3,
+    Distortion,
+}
+
+fn fixed(names: &[Fix]) -> Fixed {
+    let names: BTreeSet<Fix> = names.iter().copied().collect();
+    let has = |name: Fix| names.contains(&name);
+    let lens = |name: Fix| has(name) || has(Fix::Distortion);
+    Fixed {
+        aspect: has(Fix::Aspect),
+        principal_point: has(Fix::Centre),
+        focal: has(Fix::Focal),
+        k1: lens(Fix::K1),
+        k2: lens(Fix::K2),
+        tangential: lens(Fix::Tangential),
+        k3: lens(Fix::K3),
+    }
+}
+
+pub(crate) fn run(args: Args) -> anyhow::Result<Outcome> {
+    let board = args.board.board()?;
+    for path in [Some(&args.output), args.coverage.as_ref()].into_iter().flatten() {
+        check_writable(path)?;
+    }
+    let start = args.start.as_ref().map(read_camera).transpose()?;
+    let search = boards::search(&boards::images(&args.images)?, &args.board)?;
+    for (_, reason) in &search.failed {
+        eprintln!("palpate: {reason}");
+    }
+    if search.found.is_empty() {
+        bail!("no board was found in any of {} images", search.failed.len());
+    }
+    if let Some(start) = &start {
+        let found = (start.camera.width, start.camera.height);
+        if found != search.size {
+            bail!(
+                "--start is a camera of {}×{} px; the images are {}×{}",
+                found.0,
+                found.1,
+                search.size.0,
+                search.size.1
+            );
+        }
+    }
+    let views: Vec<BoardView> = search.found.iter().map(|f| f.view.clone()).collect();
+    let outliers = if args.drop_outliers { Outliers::Drop } else { Outliers::Keep };
+    let result =
+        calibrate_camera(&board, &views, search.size, fixed(&args.fix), start.as_ref().map(|s| &s.camera), outliers)
+            .with_context(|| format!("{} boards in {} images", views.len(), views.len() + search.failed.len()))?;
+    let file = CameraFile { camera: result.camera, world_from_camera: None };
+    write_camera(&args.output, &file, &table(&result, &search))?;
+    if let Some(path) = &args.coverage {
+        write_color(path, &draw_coverage(&views, search.size))?;
+    }
+    if let Some(folder) = &args.undistort {
+        undistort(folder, &search, &result.camera)?;
+    }
+    if args.json {
+        println!("{}", report(&result, &search))
+    } else {
+        say(&result, &search, &args)
+    }
+    let losses = !search.failed.is_empty() || result.views.iter().any(|v| v.outlier || !v.used);
+    Ok(if losses { Outcome::Degraded } else { Outcome::Done })
+}
+
+fn undistort(folder: &Path, search: &Search, camera: &PinholeCamera) -> anyhow::Result<()> {
+    create_folder(folder)?;
+    for path in search.found.iter().map(|f| &f.path).chain(search.failed.iter().map(|f| &f.0)) {
+        // An unreadable image was said to be one.
+        let Ok(image) = read_color(path) else { continue };
+        let stem = path.file_stem().map_or_else(|| "image".into(), |s| s.to_string_lossy());
+        write_color(folder.join(format!("{stem}.png")), &undistort_color(&image, camera).0)?;
+    }
+    Ok(())
+}
+
+/// Six decimals are more than anyone believes.
+fn rounded(value: f64) -> f64 {
+    (value * 1e6).round() / 1e6
+}
+
+fn table(result: &CameraCalibration, search: &Search) -> toml::Table {
+    let s = &result.sigma;
+    let sigma = [s.fx, s.fy, s.cx, s.cy].into_iter().chain(s.distortion).map(|v| toml::Value::Float(rounded(v)));
+    let mut table = toml::Table::new();
+    table.insert("rms_px".into(), rounded(result.rms).into());
+    table.insert("views".into(), (result.views.iter().filter(|v| v.used).count() as i64).into());
+    table.insert("standard_deviations".into(), toml::Value::Array(sigma.collect()));
+    let bad = search.found.iter().zip(&result.views).filter(|(_, v)| v.outlier);
+    table.insert("outliers".into(), bad.map(|(f, _)| toml::Value::String(name(&f.path))).collect::<Vec<_>>().into());
+    table
+}
+
+fn report(result: &CameraCalibration, search: &Search) -> serde_json::Value {
+    let (c, s) = (&result.camera, &result.sigma);
+    let views: Vec<_> = search
+        .found
+        .iter()
+        .zip(&result.views)
+        .map(|(f, v)| {
+            json!({
+                "image": f.path, "rms_px": v.rms, "worst_px": v.worst, "outlier": v.outlier, "used": v.used,
+                "translation": v.camera_from_board.translation.vector.as_slice(),
+                "quaternion_xyzw": v.camera_from_board.rotation.coords.as_slice(),
+            })
+        })
+        .collect();
+    let views_found: Vec<BoardView> = search.found.iter().map(|f| f.view.clone()).collect();
+    let covered = coverage(&views_found, search.size);
+    json!({
+        "width": c.width, "height": c.height, "fx": c.fx, "fy": c.fy, "cx": c.cx, "cy": c.cy, "distortion": c.distortion,
+        "standard_deviations": { "fx": s.fx, "fy": s.fy, "cx": s.cx, "cy": s.cy, "distortion": s.distortion },
+        "rms_px": result.rms,
+        "largest_tilt_between_views_deg": result.tilts,
+        "covered_share": covered.share,
+        "uncovered_corners": covered.bare,
+        "views": views,
+        "without_board": search.failed.iter().map(|f| json!({ "image": f.0, "reason": f.1 })).collect::<Vec<_>>(),
+    })
+}
+
+fn say(result: &CameraCalibration, search: &Search, args: &Args) {
+    let (c, s) = (&result.camera, &result.sigma);
+    for (found, view) in search.found.iter().zip(&result.views) {
+        let remark = match (view.used, view.outlier) {
+            (true, true) => "  OUTLIER: fits over three times worse than the usual view; --drop-outliers leaves it out",
+            (false, true) => "  outlier, left out",
+            (false, false) => "  repeats another view, left out",
+            (true, false) => "",
+        };
+        println!("{}: {:.3} px, worst corner {:.2} px{remark}", name(&found.path), view.rms, view.worst);
+    }
+    let used = result.views.iter().filter(|v| v.used).count();
+    println!("{}: {used} views, rms {:.3} px", args.output.display(), result.rms);
+    println!(
+        "fx {:.2} ± {:.2}  fy {:.2} ± {:.2}  cx {:.2} ± {:.2}  cy {:.2} ± {:.2} px",
+        c.fx, s.fx, c.fy, s.fy, c.cx, s.cx, c.cy, s.cy
+    );
+    for ((name, value), sd) in ["k1", "k2", "p1", "p2", "k3"].into_iter().zip(c.distortion).zip(s.distortion) {
+        print!("{name} {value:.4} ± {sd:.4}  ");
+    }
+    println!();
+    let views: Vec<BoardView> = search.found.iter().map(|f| f.view.clone()).collect();
+    let covered = coverage(&views, search.size);
+    println!(
+        "corners in {:.0} % of the image; boards tilted by up to {:.0}° to each other",
+        100.0 * covered.share,
+        result.tilts
+    );
+    if !covered.bare.is_empty() {
+        println!("no board reached the {}: the distortion is a guess there", covered.bare.join(", the "));
+    }
+}

@@ -1,0 +1,269 @@
+//! `calibrate`: what users get wrong, and a gel from presses to heights.
+
+use crate::workshop::{Said, palpate};
+use palpate::geometry::{Point, Raster, Sphere};
+use palpate::io::{read_height_map_npy, write_color};
+
+type Image = Raster<[u8; 3]>;
+
+/// A folder with images.
+struct Bench(tempfile::TempDir);
+
+impl Bench {
+    fn new() -> Self {
+        Self(tempfile::tempdir().expect("temporary folder"))
+    }
+
+    fn path(&self, name: &str) -> String {
+        self.0.path().join(name).display().to_string()
+    }
+
+    fn put(&self, name: &str, image: &Image) -> &Self {
+        write_color(self.path(name), image).expect("written");
+        self
+    }
+
+    fn exists(&self, name: &str) -> bool {
+        self.0.path().join(name).exists()
+    }
+
+    fn camera(&self, board: &str, images: &[&str]) -> Said {
+        let mut args = vec!["calibrate".to_owned(), "camera".to_owned()];
+        args.extend(images.iter().map(|name| self.path(name)));
+        args.extend(["--board", board, "--square", "0.02", "--output"].map(str::to_owned));
+        args.push(self.path("camera.toml"));
+        palpate(args)
+    }
+
+    /// `calibrate gel` on five presses unless others are named.
+    fn gel(&self, presses: &[&str], flags: &[&str]) -> Said {
+        let mut args = vec!["calibrate".to_owned(), "gel".to_owned()];
+        args.extend(presses.iter().map(|name| self.path(name)));
+        args.extend(["--background".to_owned(), self.path("bg.png"), "--output".to_owned(), self.path("sensor.toml")]);
+        args.extend(flags.iter().map(|f| (*f).to_owned()));
+        palpate(args)
+    }
+}
+
+/// A board of 5×4 inner corners of 16 px, seen straight on.
+fn board(x: f64, y: f64) -> Image {
+    Raster::from_fn(120, 160, |row, col| {
+        let (c, r) = ((col as f64 - x) / 16.0, (row as f64 - y) / 16.0);
+        let inside = (0.0..6.0).contains(&c) && (0.0..5.0).contains(&r);
+        let dark = (c.floor() + r.floor()).rem_euclid(2.0) == 0.0;
+        [if inside && dark { 30 } else { 220 }; 3]
+    })
+}
+
+#[test]
+fn images_without_a_board_are_named_and_nothing_is_written() {
+    let bench = Bench::new();
+    bench.put("flat.png", &Raster::filled(120, 160, [90; 3])).put("board.png", &board(20.3, 18.6));
+    std::fs::write(bench.path("torn.png"), b"\x89PNG").expect("written");
+    let said = bench.camera("5x4", &["flat.png", "torn.png"]);
+    said.expect(1, &["flat.png", "no contrast", "torn.png", "no board was found in any of 2 images"]);
+    bench
+        .camera("9x6", &["board.png"])
+        .expect(1, &["no board of 9×6 inner corners", "has 5×4", "inner corners are counted"]);
+    bench.camera("4x3", &["board.png"]).expect(1, &["at least", "4×3 were announced"]);
+    bench.camera("5x4", &["board.png"]).expect(1, &["1 different views of the board", "at least 3 are needed"]);
+    bench.put("again.png", &board(20.3, 18.6)).put("once_more.png", &board(20.3, 18.6));
+    let repeated = bench.camera("5x4", &["board.png", "again.png", "once_more.png"]);
+    repeated.expect(1, &["1 different views of the board (2 repeat others)"]);
+    // Straight on at different places: nothing tells the focal length.
+    bench.put("right.png", &board(44.1, 18.2)).put("below.png", &board(20.3, 30.4)).put("both.png", &board(40.7, 28.9));
+    bench
+        .camera("5x4", &["board.png", "right.png", "below.png", "both.png"])
+        .expect(1, &["ill-conditioned", "tilted by 20°"]);
+    bench.put("large.png", &Raster::filled(240, 320, [90; 3]));
+    bench.camera("5x4", &["board.png", "large.png"]).expect(1, &["large.png is 320×240 px", "board.png is 160×120"]);
+    bench.camera("5", &["board.png"]).expect(2, &["'5' is not like 9x6"]);
+    bench.camera("5x1", &["board.png"]).expect(1, &["the board's rows is 1"]);
+    bench.camera("5x4", &["nowhere.png"]).expect(1, &["cannot read", "nowhere.png"]);
+    assert!(!bench.exists("camera.toml"));
+}
+
+const BALL: f64 = 25.0;
+const CONTACT: f64 = 17.0;
+const PITCH: f64 = 8e-5;
+const PRESSES: [&str; 6] = ["a.png", "b.png", "c.png", "d.png", "e.png", "f.png"];
+const PLACES: [[f64; 2]; 6] = [[42.0, 42.0], [118.0, 41.0], [80.0, 60.0], [42.0, 78.0], [117.0, 77.0], [97.0, 55.0]];
+
+fn light(row: usize, col: usize) -> [f64; 3] {
+    [70.0 + 0.2 * col as f64, 90.0 + 0.3 * row as f64, 120.0 - 0.1 * col as f64]
+}
+
+fn background() -> Image {
+    Raster::from_fn(120, 160, |row, col| light(row, col).map(|v| v.round() as u8))
+}
+
+/// The gel with slopes (0 to 1) as a function of the place.
+fn gel(slope: impl Fn(f64, f64) -> [f64; 2]) -> Image {
+    Raster::from_fn(120, 160, |row, col| {
+        let [gx, gy] = slope(col as f64, row as f64);
+        let gain = [0.6 * gx + 0.2 * gy + 0.1 * gx * gx, 0.5 * gy, 0.3 * gy - 0.5 * gx];
+        let light = light(row, col);
+        std::array::from_fn(|k| (light[k] * (1.0 + gain[k])).round() as u8)
+    })
+}
+
+fn press([x, y]: [f64; 2]) -> Image {
+    gel(|col, row| {
+        let (dx, dy) = (col - x, row - y);
+        let r = dx.hypot(dy).max(1e-9);
+        let steepest = CONTACT / (BALL * BALL - CONTACT * CONTACT).sqrt();
+        let slope = if r < CONTACT {
+            r / (BALL * BALL - r * r).sqrt()
+        } else {
+            steepest * ((28.0 - r) / (28.0 - CONTACT)).clamp(0.0, 1.0)
+        };
+        [-slope * dx / r, -slope * dy / r]
+    })
+}
+
+/// Presses of a ball of 2 mm at 0.08 mm a pixel, and the background.
+fn gel_bench() -> Bench {
+    let bench = Bench::new();
+    bench.put("bg.png", &background());
+    for (name, place) in PRESSES.iter().zip(PLACES) {
+        bench.put(name, &press(place));
+    }
+    bench
+}
+
+#[test]
+fn presses_give_a_sensor_that_decodes_others() {
+    let bench = gel_bench();
+    let flags = |map| ["--ball-radius", "0.002", "--pixel-pitch", "0.00008", "--map", map];
+    for map in ["quadratic", "network", "table"] {
+        bench.gel(&PRESSES[..5], &flags(map)).expect(0, &["each press by the others: 5 presses", "0.08000 mm a pixel"]);
+        let decode =
+            ["decode", &bench.path("f.png"), "--sensor", &bench.path("sensor.toml"), "--output", &bench.path("out")];
+        palpate(decode).expect(0, &["f: contact on"]);
+        let heights = read_height_map_npy(bench.path("out/f_height.npy")).expect("written");
+        let [x, y] = PLACES[5];
+        let points: Vec<Point> = heights
+            .pixels()
+            .filter(|(row, col, _)| (*col as f64 - x).hypot(*row as f64 - y) < CONTACT - 1.0)
+            .map(|(row, col, &z)| Point::new(PITCH * col as f64, PITCH * row as f64, f64::from(z)))
+            .collect();
+        let radius = Sphere::fit(&points).expect("curved").radius;
+        let allowed = if map == "table" { 0.12 } else { 0.05 };
+        assert!((radius / 0.002 - 1.0).abs() < allowed, "{map}: {radius}");
+    }
+    let json = bench.gel(
+        &PRESSES[..5],
+        &["--ball-radius", "0.002", "--pixel-pitch", "0.00008", "--json", "--held-out", &bench.path("f.png")],
+    );
+    json.expect(0, &["\"held_out\":{", "\"residual_mm\":"]);
+    serde_json::from_str::<serde_json::Value>(&json.out).expect("one object");
+}
+
+#[test]
+fn the_pitch_must_be_known_and_its_sources_agree() {
+    let bench = gel_bench();
+    let ball = ["--ball-radius", "0.002"];
+    bench.gel(&PRESSES, &ball).expect(1, &["the size of a pixel is not known", "slopes have no scale"]);
+    // Two sizes of balls change nothing.
+    let sizes = ["--ball-radius", "0.002,0.002,0.002,0.003,0.003,0.003"];
+    bench.gel(&PRESSES, &sizes).expect(1, &["the size of a pixel is not known"]);
+    // Grooves of 1 mm.
+    bench.put("ruler.png", &gel(|col, _| [0.7 * (col / (1e-3 / PITCH) * std::f64::consts::TAU).sin(), 0.0]));
+    let ruler = bench.path("ruler.png");
+    let by_ruler = [&ball[..], &["--ruler", &ruler, "--ruler-marks", "0.001"]].concat();
+    bench.gel(&PRESSES, &by_ruler).expect(0, &["0.0800"]);
+    std::fs::remove_file(bench.path("sensor.toml")).expect("written");
+    let wrong = [&by_ruler[..], &["--pixel-pitch", "0.0000634"]].concat();
+    bench.gel(&PRESSES, &wrong).expect(1, &["0.06340 mm by --pixel-pitch, but 0.08", "by --ruler"]);
+    let (a, b) = (bench.path("a.png"), bench.path("b.png"));
+    let apart = [&ball[..], &["--pixel-pitch", "0.0000634", "--apart", &a, &b, "0.00608"]].concat();
+    bench.gel(&PRESSES, &apart).expect(1, &["by --apart", "more than 3 % apart"]);
+    let flat = [&ball[..], &["--ruler", &a, "--ruler-marks", "0.001"]].concat();
+    bench.gel(&PRESSES, &flat).expect(1, &["a.png", "no evenly spaced marks"]);
+    assert!(!bench.exists("sensor.toml"));
+    let correct = [&ball[..], &["--pixel-pitch", "0.00008", "--apart", &a, &b, "0.00608"]].concat();
+    bench.gel(&PRESSES, &correct).expect(0, &["0.08000 mm a pixel"]);
+}
+
+#[test]
+fn presses_that_cannot_be_used_say_why() {
+    let bench = gel_bench();
+    let flags = ["--ball-radius", "0.002", "--pixel-pitch", "0.00008"];
+    let one_bad = |image: &Image, texts: &[&str]| {
+        bench.put("bad.png", image);
+        let mut presses = PRESSES[..4].to_vec();
+        presses.push("bad.png");
+        let said = bench.gel(&presses, &flags);
+        said.expect(3, &[&["bad.png"], texts].concat());
+        assert!(bench.exists("sensor.toml"));
+    };
+    one_bad(&background(), &["there is no contact"]);
+    one_bad(&press([20.0, 60.0]), &["cut by the border", "20 px from the border"]);
+    one_bad(&Raster::filled(120, 160, [255, 200, 90]), &["over- or underexposed"]);
+    one_bad(&background().map(|p| p.map(|v| v / 4)), &["off the no-contact image"]);
+    one_bad(&Raster::filled(60, 160, [90; 3]), &["160×60 px"]);
+    one_bad(&press(PLACES[2]).map(|[r, g, b]| [*b, *g, *r]), &["red and blue exchanged"]);
+    std::fs::remove_file(bench.path("sensor.toml")).expect("written");
+    bench.put("none.png", &background());
+    let none = bench.gel(&["none.png", "none.png", "a.png"], &flags);
+    none.expect(1, &["none.png: there is no contact", "1 usable presses; at least 3"]);
+    bench.gel(&PRESSES, &["--ball-radius", "2", "--pixel-pitch", "0.00008"]).expect(1, &["the ball radius is 2 m"]);
+    let small = ["--ball-radius", "0.001", "--pixel-pitch", "0.00008"];
+    bench.gel(&PRESSES, &small).expect(1, &["contact circle has a radius of 1.3", "the ball only 1.000 mm"]);
+    bench.gel(&PRESSES, &["--ball-radius", "0.002", "--pixel-pitch", "0.08"]).expect(1, &["pixel_pitch is 0.08 m"]);
+    bench
+        .gel(&PRESSES, &["--ball-radius", "0.002,0.003", "--pixel-pitch", "0.00008"])
+        .expect(1, &["2 values for 6 presses"]);
+    bench.put("bg.png", &Raster::filled(60, 90, [90, 100, 120]));
+    let other_size = ["a.png: the image is 160×120 px; the no-contact image is 90×60", "0 usable presses"];
+    bench.gel(&["a.png", "c.png", "b.png"], &flags).expect(1, &other_size);
+    assert!(!bench.exists("sensor.toml"));
+}
+
+#[test]
+fn a_sensor_file_that_is_wrong_names_its_key() {
+    let bench = gel_bench();
+    bench.gel(&PRESSES, &["--ball-radius", "0.002", "--pixel-pitch", "0.00008"]).expect(0, &[]);
+    let good = std::fs::read_to_string(bench.path("sensor.toml")).expect("written");
+    let decode = || {
+        palpate([
+            "decode",
+            &bench.path("f.png"),
+            "--sensor",
+            &bench.path("sensor.toml"),
+            "--output",
+            &bench.path("out"),
+        ])
+    };
+    for (from, to, said) in [
+        ("format = 1", "format = 2", "format = 2; this version reads"),
+        ("map = \"quadratic\"", "map = \"cubic\"", "known: quadratic, network, table"),
+        ("weights = [", "weights = [1.0, ", "109 numbers are not a map"),
+        ("pixel_pitch = 8e-5", "pixel_pitch = 0.08", "pixel_pitch is 0.08 m"),
+        ("width = 160", "width = 320", "sensor_background.png: the size is 160×120"),
+        ("sensor_background.png", "lost.png", "lost.png"),
+    ] {
+        assert!(good.contains(from), "{good}");
+        std::fs::write(bench.path("sensor.toml"), good.replacen(from, to, 1)).expect("written");
+        decode().expect(1, &[said]);
+    }
+}
+
+#[test]
+fn records_of_a_robot_that_are_wrong_say_why() {
+    let bench = Bench::new();
+    let run = |text: &str, more: &[&str]| {
+        std::fs::write(bench.path("records.toml"), text).expect("written");
+        let mut args = vec!["calibrate".to_owned(), "sensor-pose".to_owned(), bench.path("records.toml")];
+        args.extend(more.iter().map(|m| (*m).to_owned()));
+        args.extend(["--output".to_owned(), bench.path("pose.toml")]);
+        palpate(args)
+    };
+    let record = "[[records]]\nimage = \"a.png\"\nbase_from_hand = { translation = [0.0, 0.0, 0.5], quaternion_xyzw = [0.0, 0.0, 0.0, 0.0] }\n";
+    run(record, &["--target", "ball"]).expect(1, &["record 0 base_from_hand", "a rotation needs length 1"]);
+    run("records = 3", &["--target", "ball"]).expect(1, &["records.toml", "invalid type"]);
+    let sound = record.replace("[0.0, 0.0, 0.0, 0.0]", "[0.0, 0.0, 0.0, 1.0]");
+    run(&sound, &["--target", "ball"]).expect(1, &["needs --ball-radius and --sensor"]);
+    run(&sound, &["--target", "board"]).expect(1, &["needs --camera, --board and --square"]);
+    assert!(!bench.exists("pose.toml"));
+}

@@ -1,0 +1,4 @@
+//! One integration binary: linking is what costs.
+
+mod folders;
+mod recording;
