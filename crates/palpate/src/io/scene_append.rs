@@ -85,7 +85,9 @@ impl SceneAppender {
     pub fn add_touch(&mut self, image: &Raster<[u8; 3]>, world_from_sensor: &Isometry) -> Result<PathBuf, IoError> {
         create_folder(self.folder.join("touches"))?;
         // Someone else may have put files there.
-        let free = (self.touches..).map(|i| format!("touches/{i:03}.png")).find(|f| !self.folder.join(f).exists());
+        let free = (self.touches..self.touches + 100_000)
+            .map(|i| format!("touches/{i:03}.png"))
+            .find(|f| !self.folder.join(f).exists());
         let file = free.unwrap_or_else(|| format!("touches/{:03}.png", self.touches));
         self.check_size(&file, image, self.size)?;
         write_color(self.folder.join(&file), image)?;

@@ -36,10 +36,9 @@ pub(super) fn refine(
         let spacing = nearest(i);
         // The window must not reach the next corner.
         let half = window.map_or((0.4 * spacing).clamp(2.0, 10.0) as i32, |w| w as i32);
-        if let Some(place) = step_to_corner(image, rough[i], half) {
-            if (place[0] - rough[i][0]).hypot(place[1] - rough[i][1]) < (0.3 * spacing).max(1.5) {
-                *corner = place;
-            }
+        let near = |p: &[f64; 2]| (p[0] - rough[i][0]).hypot(p[1] - rough[i][1]) < (0.3 * spacing).max(1.5);
+        if let Some(place) = step_to_corner(image, rough[i], half).filter(near) {
+            *corner = place;
         }
     }
 }

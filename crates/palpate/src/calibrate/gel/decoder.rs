@@ -131,7 +131,7 @@ impl TactileDecoder for NetworkDecoder {
     fn decode(&self, image: &Raster<[u8; 3]>, sensor: &TactileSensor) -> Result<Contact, DecodeError> {
         let difference = self.no_contact.difference(image)?;
         if NoContact::is_untouched(&difference) {
-            return Ok(Contact::from_indentation(&difference.map(|_| 0.0), sensor)?);
+            return Contact::from_indentation(&difference.map(|_| 0.0), sensor);
         }
         let relative = SlopeRegressor::relative_difference(&self.no_contact, &difference);
         let (rows, cols) = relative.shape();
@@ -142,7 +142,7 @@ impl TactileDecoder for NetworkDecoder {
         let level = border_median(&indentation);
         let pitch = sensor.map_pitch(cols) as f32;
         indentation.as_mut_slice().iter_mut().for_each(|d| *d = (*d - level) * pitch);
-        Ok(Contact::from_indentation(&indentation, sensor)?)
+        Contact::from_indentation(&indentation, sensor)
     }
 }
 

@@ -188,7 +188,9 @@ fn peaks(correlation: &[f64]) -> (f64, f64) {
 fn detrended(profile: &[f64]) -> Vec<f64> {
     let half = profile.len() / 10;
     let mut sums = vec![0.0];
-    profile.iter().for_each(|v| sums.push(sums[sums.len() - 1] + v));
+    for v in profile {
+        sums.push(sums[sums.len() - 1] + v);
+    }
     let mean = |i: usize| {
         let (a, b) = (i.saturating_sub(half), (i + half + 1).min(profile.len()));
         (sums[b] - sums[a]) / (b - a) as f64
