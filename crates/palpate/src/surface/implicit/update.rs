@@ -24,14 +24,18 @@ impl ImplicitField {
         let near = centers(changed, 0.5 * radius);
         let mut round = vec![false; level.values.len()];
         let cells = (radius / spacing).ceil() as usize;
-        near.iter().for_each(|p| mark_round(level, p, cells, &mut round));
+        for p in &near {
+            mark_round(level, p, cells, &mut round);
+        }
         let close = |s: &&WeightedSample| near.iter().any(|p| (s.position - p).amax() < radius + 2.0 * spacing);
         let pick = |samples: &[WeightedSample]| samples.iter().filter(close).copied().collect::<Vec<_>>();
         let (measured, guessed) = (pick(problem.measured), pick(problem.guessed));
         let local = ImplicitProblem { measured: &measured, guessed: &guessed, ..*problem };
         let samples = thin::merged(&local, params.sample_spacing * spacing);
         let mut mask: Vec<bool> = level.values.iter().map(|v| v.abs() < REACH).collect();
-        samples.iter().for_each(|s| mark_round(level, &s.position, params.band_cells, &mut mask));
+        for s in &samples {
+            mark_round(level, &s.position, params.band_cells, &mut mask);
+        }
         mask.iter_mut().zip(&round).for_each(|(m, r)| *m &= r);
         level.activate(&mask);
         let pulls = Pulls {
