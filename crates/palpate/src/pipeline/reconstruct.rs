@@ -1,8 +1,9 @@
-use super::{Method, ReconstructError, ReconstructParams, fused, paper};
-use crate::geometry::{PointCloud, TriangleMesh};
+use super::{Method, ReconstructError, ReconstructParams, VertexKnowledge, fused, paper};
+use crate::geometry::{Isometry, PointCloud, TriangleMesh};
 use crate::scene::Scene;
 use crate::symmetry::{EvidenceSearch, Symmetry, SymmetryEstimator};
 use crate::tactile::{Patch, TactileDecoder};
+use nalgebra::Matrix6;
 use std::fmt;
 
 /// The parts that another crate may supply, and who wants to hear how far the work is.
@@ -36,6 +37,17 @@ pub enum Warning {
     Open,
 }
 
+/// A touch as it was used.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SettledTouch {
+    /// Index in the order taken.
+    pub touch: usize,
+    /// Its pose, refined where the scene states how uncertain poses are.
+    pub world_from_sensor: Isometry,
+    /// Covariance of the pose in the sensor's frame: rotation (radians), then translation (metres).
+    pub covariance: Matrix6<f64>,
+}
+
 /// A closed mesh and everything it was made from, **world** frame, metres.
 #[derive(Debug, Clone, Default)]
 pub struct Reconstruction {
@@ -55,6 +67,10 @@ pub struct Reconstruction {
     pub symmetry: Symmetry,
     /// Number of touches used.
     pub touches_used: usize,
+    /// The touches used, with the poses used; `fused` only.
+    pub touches: Vec<SettledTouch>,
+    /// What is known of each vertex of the mesh; `fused` only, where [`ReconstructParams::uncertainty`] asks for it.
+    pub knowledge: Option<VertexKnowledge>,
     /// What the user should know.
     pub warnings: Vec<Warning>,
 }
