@@ -27,12 +27,14 @@ pub struct TouchPoseParams {
     pub points: usize,
     /// How many independent readings the seen points under a touch are worth. Larger: trusts the camera more against the stated pose.
     pub seen_worth: f64,
-    /// How many independent readings one copy of the evidence is worth: its points share one error.
+    /// How many independent readings the copies by one symmetry are worth, and another touch: their points share one error.
     pub guess_worth: f64,
     /// σ of a difference of normals, radians.
     pub normal_sigma: f64,
     /// Residuals beyond this many σ count less and less (Cauchy).
     pub cauchy: f64,
+    /// Cosine of the normals from which a surface is the one that was touched. Smaller: rounds edges into one another.
+    pub agreement: f64,
     /// A surface farther along the tangent plane than this says nothing of a point, metres.
     pub tangential: f64,
 }
@@ -45,8 +47,9 @@ impl Default for TouchPoseParams {
             points: 40,
             seen_worth: 12.0,
             guess_worth: 2.0,
-            normal_sigma: 0.08,
+            normal_sigma: 0.25,
             cauchy: 1.5,
+            agreement: 0.85,
             tangential: 3e-3,
         }
     }
@@ -130,7 +133,7 @@ struct Target {
     position: Point,
     normal: Vector,
     sigma: f64,
-    /// 0 = measured, 1 + copying = guessed: errors within a group are shared.
+    /// 0 = seen, 1 + family of copies = guessed, then one per other touch: errors within a group are shared.
     group: usize,
 }
 
@@ -148,7 +151,9 @@ struct Others<'a> {
     seen: Vec<Sample>,
     index: SampleIndex,
     felt: Vec<Vec<Sample>>,
-    copies: Vec<(Motion, Motion)>,
+    /// Motion, its inverse, and its family.
+    copies: Vec<(Motion, Motion, usize)>,
+    families: usize,
     sigma: &'a GuessSigma,
 }
 
@@ -163,7 +168,9 @@ impl<'a> Others<'a> {
             }
         }
         let index = SampleIndex::new(&seen, 2e-3, 8e-3);
-        Self { index, seen, felt, copies: copies.iter().map(|c| (c.motion, c.motion.inverse())).collect(), sigma }
+        let families = copies.iter().map(|c| c.family as usize + 1).max().unwrap_or(0);
+        let copies = copies.iter().map(|c| (c.motion, c.motion.inverse(), c.family as usize)).collect();
+        Self { index, seen, felt, copies, families, sigma }
     }
 
     fn place(&self, touch: usize, patch: &Patch, fit: &Fit) -> Placed {
@@ -177,28 +184,36 @@ impl<'a> Others<'a> {
     }
 
     /// Everything near one point of touch `touch` that faces the same way, the touch itself left out.
-    fn targets(&self, touch: usize, p: &Point, n: &Vector, reach: f64, placed: &[Placed], tangential: f64) -> Vec<Target> {
+    fn targets(
+        &self,
+        touch: usize,
+        (p, n): (&Point, &Vector),
+        reach: f64,
+        placed: &[Placed],
+        params: &TouchPoseParams,
+    ) -> Vec<Target> {
+        let tangential = params.tangential;
         let mut found = Vec::new();
         let near = |q: &Point, m: &Vector| {
             let d = p - q;
             let along = d.dot(m);
-            n.dot(m) > 0.5 && along.abs() < reach && (d.norm_squared() - along * along) < tangential * tangential
+            n.dot(m) > params.agreement && along.abs() < reach && (d.norm_squared() - along * along) < tangential * tangential
         };
-        let mut seen = |motion: Option<(usize, &Motion, &Motion)>| {
-            let (at, facing) = motion.map_or((*p, *n), |(_, _, back)| (back.point(p), back.vector(n)));
+        let mut seen = |motion: Option<(usize, &(Motion, Motion, usize))>| {
+            let (at, facing) = motion.map_or((*p, *n), |(_, (_, back, _))| (back.point(p), back.vector(n)));
             let Some(m) = self.index.nearest_agreeing(&self.seen, &at, &facing, 0.5) else { return };
             let s = &self.seen[m.sample];
             let (position, normal) =
-                motion.map_or((s.position, s.normal), |(_, go, _)| (go.point(&s.position), go.vector(&s.normal)));
+                motion.map_or((s.position, s.normal), |(_, (go, ..))| (go.point(&s.position), go.vector(&s.normal)));
             if !near(&position, &normal) {
                 return;
             }
-            let (guess, group) = motion.map_or((0.0, 0), |(c, _, _)| (self.guess(c, &s.position, &normal), 1 + c));
+            let (guess, group) = motion.map_or((0.0, 0), |(c, (_, _, family))| (self.guess(c, &s.position, &normal), 1 + family));
             found.push(Target { position, normal, sigma: s.sigma.hypot(guess), group });
         };
         seen(None);
-        for (c, (go, back)) in self.copies.iter().enumerate() {
-            seen(Some((c, go, back)));
+        for copy in self.copies.iter().enumerate() {
+            seen(Some(copy));
         }
         let identity = Motion::identity();
         for (j, other) in placed.iter().enumerate().filter(|(j, o)| *j != touch && !o.samples.is_empty()) {
@@ -211,7 +226,7 @@ impl<'a> Others<'a> {
                 let Some((q, m, source)) = best.min_by(|a, b| (a.0 - p).norm().total_cmp(&(b.0 - p).norm())) else { continue };
                 let guess = if c == 0 { 0.0 } else { self.guess(c - 1, source, &m) };
                 // Each other touch is one reading, however many points it has.
-                let group = 1 + self.copies.len() + j;
+                let group = 1 + self.families + j;
                 found.push(Target { position: q, normal: m, sigma: other.sigma.hypot(guess).max(1e-4), group });
             }
         }
@@ -249,12 +264,12 @@ fn fit(
             .flat_map(|(p, n)| {
                 let (world, normal) = (pose * p, pose * n);
                 let reach = 3e-3 + 3.0 * wide.hypot(p.coords.norm() / prior[0].sqrt());
-                others.targets(touch, &world, &normal, reach, placed, params.tangential).into_iter().map(move |t| {
+                others.targets(touch, (&world, &normal), reach, placed, params).into_iter().map(move |t| {
                     (pose_row(&pose, &world, &t.normal), (world - t.position).dot(&t.normal), [normal, t.normal], t)
                 })
             })
             .collect();
-        let mut counts = vec![0.0f64; 2 + others.copies.len() + placed.len()];
+        let mut counts = vec![0.0f64; 1 + others.families + placed.len()];
         matches.iter().for_each(|m| counts[m.3.group] += 1.0);
         let (mut information, mut gradient) = (Matrix6::from_diagonal(prior), prior.component_mul(&fit.xi));
         for (row, residual, [normal, wanted], target) in &matches {
@@ -266,8 +281,9 @@ fn fit(
             let w = share * doubt / (target.sigma * target.sigma);
             information += row * row.transpose() * w;
             gradient += row * (w * residual);
-            let w = share * doubt / (params.normal_sigma * params.normal_sigma);
             let error = pose.inverse_transform_vector(&(normal - wanted));
+            let doubt = doubt / (1.0 + error.norm_squared() / params.normal_sigma.powi(2));
+            let w = share * doubt / params.normal_sigma.powi(2);
             let slope = -pose.inverse_transform_vector(normal).cross_matrix();
             let (a, g) = (slope.transpose() * slope * w, slope.transpose() * error * w);
             let mut block = information.fixed_view_mut::<3, 3>(0, 0);
@@ -278,8 +294,62 @@ fn fit(
         let Some(covariance) = information.try_inverse() else { break };
         fit.xi -= covariance * gradient;
         fit.covariance = covariance;
-        let measured = matches.iter().filter(|m| m.3.group == 0 || m.3.group > others.copies.len()).count();
+        let measured = matches.iter().filter(|m| m.3.group == 0 || m.3.group > others.families).count();
         fit.matched = [measured, matches.len() - measured];
     }
     fit
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::completion::copyings;
+    use crate::evidence::EvidenceParams;
+    use crate::evidence::testing::{Solid, touch, view};
+    use crate::symmetry::Symmetry;
+
+    const SIGMA: PoseSigma = PoseSigma { translation: 1.5e-3, rotation: 0.05 };
+
+    fn box_and_touch() -> (Evidence, Patch, Patch) {
+        let solids = [Solid::Box(Point::new(0.0, 0.0, 0.03), Vector::new(0.04, 0.04, 0.03), 0.35)];
+        let (frame, visible) = view(&solids, 0.0005);
+        let exact = touch(&solids, Point::new(0.005, 0.004, 0.2), Point::new(0.005, 0.004, 0.0));
+        let error = Isometry::new(Vector::new(4e-4, -3e-4, 2e-3), Vector::new(0.05, -0.06, 0.0));
+        let given = moved(&exact, &(exact.world_from_sensor * error));
+        let evidence = Evidence::gather(&frame, &visible, &[given.clone()], &EvidenceParams::default());
+        (evidence.expect("the box is seen"), exact, given)
+    }
+
+    fn off(exact: &Patch, patch: &Patch) -> (f64, f64) {
+        let d = exact.world_from_sensor.inverse() * patch.world_from_sensor;
+        (d.translation.z.abs(), (d * Vector::z()).dot(&Vector::z()).acos())
+    }
+
+    #[test]
+    fn a_touch_is_set_back_on_the_seen_face_and_says_how_sure_it_is() {
+        let (evidence, exact, given) = box_and_touch();
+        let none = Symmetry::default();
+        let copies = copyings(&none, 0.05, 8e-3);
+        let sigma = GuessSigma::new(&evidence, &none, &copies, 0.05, 8e-3);
+        let refined = &refine_touches(&evidence, &[given.clone()], (&copies, &sigma), &SIGMA, &TouchPoseParams::default())[0];
+        let ((along, tilt), (was_along, was_tilt)) = (off(&exact, &refined.patch), off(&exact, &given));
+        assert!(along < 0.25 * was_along, "{along} m off, was {was_along}");
+        assert!(tilt < 0.6 * was_tilt, "tilted by {tilt}, was {was_tilt}");
+        let stated = [0.05, 0.05, 0.05, 1.5e-3, 1.5e-3, 1.5e-3];
+        let sure = |k: usize| refined.covariance[(k, k)].sqrt() / stated[k];
+        assert!(sure(5) < 0.3 && sure(0) < 0.9, "along the press and in tilt it is known better");
+        assert!(sure(2) > 0.95 && sure(3) > 0.95, "about and across the press nothing was learnt");
+        assert!(refined.matched[0] > 0 && refined.matched[1] == 0);
+    }
+
+    #[test]
+    fn nothing_near_leaves_the_pose_and_its_sigma_alone() {
+        let (evidence, _, given) = box_and_touch();
+        let far = moved(&given, &(Isometry::translation(0.0, 0.0, 0.5) * given.world_from_sensor));
+        let none = Symmetry::default();
+        let sigma = GuessSigma::new(&evidence, &none, &[], 0.05, 8e-3);
+        let refined = &refine_touches(&evidence, &[far.clone()], (&[], &sigma), &SIGMA, &TouchPoseParams::default())[0];
+        assert!((refined.patch.world_from_sensor.translation.vector - far.world_from_sensor.translation.vector).norm() < 1e-9);
+        assert!((refined.covariance[(5, 5)].sqrt() - 1.5e-3).abs() < 1e-9 && refined.matched == [0, 0]);
+    }
 }

@@ -1,7 +1,7 @@
 use super::reconstruct::{Reconstruction, Stages, Warning, felt_cloud};
 use super::trust::{Settled, settle};
 use super::uncertainty::{Guesses, vertex_knowledge};
-use super::{ReconstructError, ReconstructParams, Surface, color, stages as step};
+use super::{ReconstructError, ReconstructParams, Surface, VertexKnowledge, color, stages as step};
 use crate::camera::segment_object;
 use crate::completion::{MovedEvidence, move_evidence};
 use crate::evidence::{Evidence, Sample};
@@ -21,6 +21,7 @@ pub(super) fn reconstruct(
     stages.begin("see");
     let visible = segment_object(&scene.frame, &params.segment)?;
     warnings.extend(super::reconstruct::cut_by_border(&visible));
+    warnings.extend(visible.support.is_none().then_some(Warning::NoSupport));
 
     // Feel: each contact becomes a small oriented patch.
     stages.begin("feel");
@@ -58,6 +59,7 @@ pub(super) fn reconstruct(
     stages.begin("doubt");
     let guesses = Guesses::new(&evidence, &symmetry, &moved, params.orbit.arc);
     let knowledge = params.uncertainty.then(|| vertex_knowledge(&mesh, &evidence, &guesses));
+    warnings.extend(knowledge.as_ref().and_then(VertexKnowledge::warning));
     mesh.colors = color::paint(&mesh, params.color, knowledge.as_ref(), &scene.frame, &visible, &guesses);
     let visible_cloud = visible.cloud(&scene.frame);
     Ok(Reconstruction {

@@ -35,6 +35,22 @@ pub enum Warning {
     },
     /// The mesh has holes.
     Open,
+    /// Nothing says what the object stands on: how far down it reaches is guessed.
+    NoSupport,
+    /// Much of the surface rests on no evidence at all.
+    Extrapolated {
+        /// Share of the vertices.
+        share: f64,
+        /// Their median σ, metres.
+        sigma: f64,
+    },
+}
+
+impl Warning {
+    /// Whether something that was recorded was not used or the result is not what was asked for; else it only says what is not known.
+    pub fn is_loss(&self) -> bool {
+        !matches!(self, Self::NoSupport | Self::Extrapolated { .. })
+    }
 }
 
 /// A touch as it was used.
@@ -130,6 +146,13 @@ impl fmt::Display for Warning {
                 100.0 * share
             ),
             Self::Open => write!(f, "the mesh is not closed"),
+            Self::NoSupport => f.write_str("no support plane is stated or seen: how far down the object reaches is guessed"),
+            Self::Extrapolated { share, sigma } => write!(
+                f,
+                "{:.0} % of the surface rests on no evidence (median σ {:.0} mm there): a touch or another view would help",
+                100.0 * share,
+                1e3 * sigma
+            ),
         }
     }
 }

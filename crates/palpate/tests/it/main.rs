@@ -8,6 +8,7 @@ mod photometry;
 mod poisson;
 mod property;
 mod readers;
+mod robust;
 mod segment;
 mod touch;
 mod workshop;
