@@ -1,6 +1,6 @@
 use super::motion::{Copying, copyings};
 use crate::evidence::Evidence;
-use crate::geometry::{Point, Vector, Plane};
+use crate::geometry::{Plane, Point, Vector};
 use crate::symmetry::{Hypothesis, Motion, Symmetry, SymmetryElement, tangents, tilted};
 use nalgebra::{DMatrix, Matrix3, Vector3};
 use rayon::prelude::*;
@@ -101,7 +101,9 @@ fn perturbed(element: &SymmetryElement, centroid: &Point, d: &[f64; 4]) -> Symme
             let point = foot + u * d[2] + v * d[3];
             SymmetryElement::Axis { point, direction: tilted(direction, d[0], d[1]), order: *order }
         }
-        SymmetryElement::Sphere { center } => SymmetryElement::Sphere { center: center + Vector::new(d[0], d[1], d[2]) },
+        SymmetryElement::Sphere { center } => {
+            SymmetryElement::Sphere { center: center + Vector::new(d[0], d[1], d[2]) }
+        }
     }
 }
 
@@ -139,8 +141,7 @@ mod tests {
         let element = SymmetryElement::Reflection(
             Plane::new(Vector::x(), &Point::new(0.0, 0.0, 0.03)).expect("it has a direction"),
         );
-        let hypothesis =
-            Hypothesis { element, score: Score::default(), confidence: 1.0, covariance, rejection: None };
+        let hypothesis = Hypothesis { element, score: Score::default(), confidence: 1.0, covariance, rejection: None };
         Symmetry { accepted: vec![hypothesis], rejected: Vec::new() }
     }
 

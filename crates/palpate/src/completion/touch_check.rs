@@ -119,7 +119,10 @@ pub fn objections(
         patches.iter().zip(sigma).map(|(patch, sigma)| Fingertip::new(patch, sigma, params)).collect();
     let mut found: Vec<Option<Objection>> = (0..patches.len())
         .into_par_iter()
-        .map(|i| in_free_space(evidence, &patches[i], &sigma[i], params).or_else(|| through_seen(evidence, bodies[i].as_ref()?, params)))
+        .map(|i| {
+            in_free_space(evidence, &patches[i], &sigma[i], params)
+                .or_else(|| through_seen(evidence, bodies[i].as_ref()?, params))
+        })
         .collect();
     through_felt(evidence, &bodies, params, &mut found);
     through_guess(evidence, patches, &bodies, copies, params, &mut found);
@@ -184,12 +187,18 @@ fn through_guess(
     let families = copies.iter().map(|c| c.family as usize + 1).max().unwrap_or(0);
     let seen: Vec<_> = evidence.samples.iter().filter(|s| s.provenance == Provenance::Seen).collect();
     for family in 0..families {
-        let members: Vec<(usize, &Copying)> = copies.iter().enumerate().filter(|(_, c)| c.family as usize == family).collect();
+        let members: Vec<(usize, &Copying)> =
+            copies.iter().enumerate().filter(|(_, c)| c.family as usize == family).collect();
         let inside: Vec<usize> = bodies
             .par_iter()
             .map(|body| {
                 let Some(body) = body else { return 0 };
+                let center = body.sensor_from_world.inverse() * body.bounds.center();
                 let count = |(m, c): &(usize, &Copying)| {
+                    // Most copies are nowhere near: one look-up tells.
+                    if evidence.index.nearest(&c.motion.inverse().point(&center)).is_none() {
+                        return 0;
+                    }
                     let wide = body.widened(3.0 * sigma.miss(*m));
                     let free = |p: &Point| evidence.free_space.signed_distance(p) < 1e-3;
                     seen.iter().map(|s| c.motion.point(&s.position)).filter(|p| wide.holds(p) && free(p)).count()
@@ -245,8 +254,7 @@ impl Fingertip {
     /// `None` for a pose so uncertain, or a pad so small, that nothing is sure to be inside.
     fn new(patch: &Patch, sigma: &PoseSigma, params: &TouchCheckParams) -> Option<Self> {
         let sensor_from_world = patch.world_from_sensor.inverse();
-        let local: Vec<Point> =
-            patch.points.iter().chain(&patch.clearance).map(|p| sensor_from_world * p).collect();
+        let local: Vec<Point> = patch.points.iter().chain(&patch.clearance).map(|p| sensor_from_world * p).collect();
         let gel = Aabb::of(&local)?;
         let reach = 0.5 * gel.size().xy().norm();
         let margin = params.body_margin + 3.0 * sigma.translation.hypot(sigma.rotation * reach);
@@ -269,5 +277,61 @@ impl Fingertip {
         let m = Vector::new(margin, margin, margin);
         let bounds = Aabb { min: self.bounds.min + Vector::new(margin, margin, 0.0), max: self.bounds.max - m };
         Self { sensor_from_world: self.sensor_from_world, bounds }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::evidence::EvidenceParams;
+    use crate::evidence::testing::{Solid, touch, view};
+    use crate::symmetry::Symmetry;
+
+    fn shifted(patch: &Patch, by: Vector) -> Patch {
+        let moved = |p: &Point| p + by;
+        let mut pose = patch.world_from_sensor;
+        pose.translation.vector += by;
+        Patch {
+            points: patch.points.iter().map(moved).collect(),
+            normals: patch.normals.clone(),
+            clearance: patch.clearance.iter().map(moved).collect(),
+            world_from_sensor: pose,
+        }
+    }
+
+    /// Four touches of a box, the first moved by `by`; what is objected to each.
+    fn judged(by: Vector) -> Vec<Option<Objection>> {
+        let solids = [Solid::Box(Point::new(0.0, 0.0, 0.03), Vector::new(0.04, 0.04, 0.03), 0.35)];
+        let (frame, visible) = view(&solids, 0.0005);
+        let toward = [[0.0, 0.0], [0.02, 0.015], [-0.02, 0.01], [0.01, -0.02]];
+        let mut patches: Vec<Patch> =
+            toward.iter().map(|[x, y]| touch(&solids, Point::new(*x, *y, 0.2), Point::new(*x, *y, 0.0))).collect();
+        patches[0] = shifted(&patches[0], by);
+        let evidence = Evidence::gather(&frame, &visible, &patches, &EvidenceParams::default()).expect("seen");
+        let none = Symmetry::default();
+        let sigma = GuessSigma::new(&evidence, &none, &[], 0.05, 8e-3);
+        let widths = vec![PoseSigma::default(); patches.len()];
+        objections(&evidence, &patches, (&[], &sigma), &widths, &TouchCheckParams::default())
+    }
+
+    #[test]
+    fn exact_touches_are_believed() {
+        assert_eq!(judged(Vector::zeros()), vec![None; 4]);
+        assert_eq!(
+            judged(Vector::new(0.01, 0.0, 0.0)),
+            vec![None; 4],
+            "along a face it cannot be told, and does no harm"
+        );
+    }
+
+    #[test]
+    fn a_touch_in_the_open_and_a_buried_one_are_not() {
+        let open = judged(Vector::new(0.0, 0.0, 0.02));
+        assert!(matches!(open[0], Some(Objection::InFreeSpace { depth, .. }) if depth > 0.01), "{open:?}");
+        let buried = judged(Vector::new(0.0, 0.0, -0.02));
+        assert!(matches!(buried[0], Some(Objection::ThroughSeen { .. })), "{buried:?}");
+        for others in [&open[1..], &buried[1..]] {
+            assert_eq!(others, [None, None, None]);
+        }
     }
 }

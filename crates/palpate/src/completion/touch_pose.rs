@@ -86,11 +86,16 @@ pub fn refine_touches(
     let (turn, shift) = (sigma.rotation.max(1e-6), sigma.translation.max(1e-7));
     let prior = Vector6::new(turn, turn, turn, shift, shift, shift).map(|s| 1.0 / (s * s));
     let others = Others::new(evidence, patches, copies);
-    let start = Fit { xi: Vector6::zeros(), covariance: Matrix6::from_diagonal(&prior.map(|p| 1.0 / p)), matched: [0; 2] };
+    let start =
+        Fit { xi: Vector6::zeros(), covariance: Matrix6::from_diagonal(&prior.map(|p| 1.0 / p)), matched: [0; 2] };
     let mut fits = vec![start; patches.len()];
     for _ in 0..params.rounds {
-        let placed: Vec<Placed> = patches.iter().zip(&fits).enumerate().map(|(i, (p, f))| others.place(i, p, f)).collect();
-        fits = (0..patches.len()).into_par_iter().map(|i| fit(i, &patches[i], &fits[i], &others, &placed, &prior, params)).collect();
+        let placed: Vec<Placed> =
+            patches.iter().zip(&fits).enumerate().map(|(i, (p, f))| others.place(i, p, f)).collect();
+        fits = (0..patches.len())
+            .into_par_iter()
+            .map(|i| fit(i, &patches[i], &fits[i], &others, &placed, &prior, params))
+            .collect();
     }
     let finished = |(patch, fit): (&Patch, &Fit)| RefinedTouch {
         patch: moved(patch, &fit.pose(patch)),
@@ -159,8 +164,7 @@ struct Others<'a> {
 
 impl<'a> Others<'a> {
     fn new(evidence: &Evidence, patches: &[Patch], (copies, sigma): (&[Copying], &'a GuessSigma)) -> Self {
-        let seen: Vec<Sample> =
-            evidence.samples.iter().filter(|s| s.provenance == Provenance::Seen).copied().collect();
+        let seen: Vec<Sample> = evidence.samples.iter().filter(|s| s.provenance == Provenance::Seen).copied().collect();
         let mut felt = vec![Vec::new(); patches.len()];
         for s in &evidence.samples {
             if let Provenance::Felt { touch } = s.provenance {
@@ -197,7 +201,9 @@ impl<'a> Others<'a> {
         let near = |q: &Point, m: &Vector| {
             let d = p - q;
             let along = d.dot(m);
-            n.dot(m) > params.agreement && along.abs() < reach && (d.norm_squared() - along * along) < tangential * tangential
+            n.dot(m) > params.agreement
+                && along.abs() < reach
+                && (d.norm_squared() - along * along) < tangential * tangential
         };
         let mut seen = |motion: Option<(usize, &(Motion, Motion, usize))>| {
             let (at, facing) = motion.map_or((*p, *n), |(_, (_, back, _))| (back.point(p), back.vector(n)));
@@ -208,7 +214,8 @@ impl<'a> Others<'a> {
             if !near(&position, &normal) {
                 return;
             }
-            let (guess, group) = motion.map_or((0.0, 0), |(c, (_, _, family))| (self.guess(c, &s.position, &normal), 1 + family));
+            let (guess, group) =
+                motion.map_or((0.0, 0), |(c, (_, _, family))| (self.guess(c, &s.position, &normal), 1 + family));
             found.push(Target { position, normal, sigma: s.sigma.hypot(guess), group });
         };
         seen(None);
@@ -222,8 +229,11 @@ impl<'a> Others<'a> {
                 if (go.point(&other.center) - p).norm() > other.radius + tangential + reach {
                     continue;
                 }
-                let best = other.samples.iter().map(|(q, m)| (go.point(q), go.vector(m), q)).filter(|(q, m, _)| near(q, m));
-                let Some((q, m, source)) = best.min_by(|a, b| (a.0 - p).norm().total_cmp(&(b.0 - p).norm())) else { continue };
+                let best =
+                    other.samples.iter().map(|(q, m)| (go.point(q), go.vector(m), q)).filter(|(q, m, _)| near(q, m));
+                let Some((q, m, source)) = best.min_by(|a, b| (a.0 - p).norm().total_cmp(&(b.0 - p).norm())) else {
+                    continue;
+                };
                 let guess = if c == 0 { 0.0 } else { self.guess(c - 1, source, &m) };
                 // Each other touch is one reading, however many points it has.
                 let group = 1 + self.families + j;
@@ -254,7 +264,9 @@ fn fit(
         .iter()
         .zip(&patch.normals)
         .step_by(step)
-        .map(|(p, n)| (patch.world_from_sensor.inverse_transform_point(p), patch.world_from_sensor.inverse_transform_vector(n)))
+        .map(|(p, n)| {
+            (patch.world_from_sensor.inverse_transform_point(p), patch.world_from_sensor.inverse_transform_vector(n))
+        })
         .collect();
     let wide = (1.0 / prior[5]).sqrt();
     for _ in 0..params.steps {
@@ -331,7 +343,8 @@ mod tests {
         let none = Symmetry::default();
         let copies = copyings(&none, 0.05, 8e-3);
         let sigma = GuessSigma::new(&evidence, &none, &copies, 0.05, 8e-3);
-        let refined = &refine_touches(&evidence, &[given.clone()], (&copies, &sigma), &SIGMA, &TouchPoseParams::default())[0];
+        let refined =
+            &refine_touches(&evidence, &[given.clone()], (&copies, &sigma), &SIGMA, &TouchPoseParams::default())[0];
         let ((along, tilt), (was_along, was_tilt)) = (off(&exact, &refined.patch), off(&exact, &given));
         assert!(along < 0.25 * was_along, "{along} m off, was {was_along}");
         assert!(tilt < 0.6 * was_tilt, "tilted by {tilt}, was {was_tilt}");
@@ -349,7 +362,10 @@ mod tests {
         let none = Symmetry::default();
         let sigma = GuessSigma::new(&evidence, &none, &[], 0.05, 8e-3);
         let refined = &refine_touches(&evidence, &[far.clone()], (&[], &sigma), &SIGMA, &TouchPoseParams::default())[0];
-        assert!((refined.patch.world_from_sensor.translation.vector - far.world_from_sensor.translation.vector).norm() < 1e-9);
+        assert!(
+            (refined.patch.world_from_sensor.translation.vector - far.world_from_sensor.translation.vector).norm()
+                < 1e-9
+        );
         assert!((refined.covariance[(5, 5)].sqrt() - 1.5e-3).abs() < 1e-9 && refined.matched == [0, 0]);
     }
 }

@@ -12,12 +12,7 @@ pub fn pose_row(world_from_sensor: &Isometry, point: &Point, normal: &Vector) ->
 }
 
 /// σ along `normal` of a point of a touch by the covariance of the touch's pose (as in [`pose_row`]), metres.
-pub fn pose_sigma_at(
-    world_from_sensor: &Isometry,
-    covariance: &Matrix6<f64>,
-    point: &Point,
-    normal: &Vector,
-) -> f64 {
+pub fn pose_sigma_at(world_from_sensor: &Isometry, covariance: &Matrix6<f64>, point: &Point, normal: &Vector) -> f64 {
     let row = pose_row(world_from_sensor, point, normal);
     (covariance * row).dot(&row).max(0.0).sqrt()
 }

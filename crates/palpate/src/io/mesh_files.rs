@@ -1,8 +1,8 @@
 //! Meshes and clouds by extension, with the checks that every format shares.
 
 use super::error::read_bytes;
-use super::raw::Raw;
 use super::ply::VertexProperty;
+use super::raw::Raw;
 use super::{IoError, atomic_write, glb, obj, off, pcd, ply, stl};
 use crate::geometry::{Point, PointCloud, TriangleMesh};
 use std::path::Path;

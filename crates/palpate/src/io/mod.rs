@@ -39,8 +39,8 @@ pub use mesh_files::{
     write_mesh_with,
 };
 pub use npy::{NpyArray, parse_npy, read_height_map_npy, read_npy, write_height_map_npy, write_npy};
-pub use ply::{PropertyValues, VertexProperty};
 pub use object_split::{ObjectSplit, SplitPart, parse_object_split, read_object_split};
+pub use ply::{PropertyValues, VertexProperty};
 pub use press_set::{PressSet, PressSetHeader, begin_press_set, has_press_shard, write_press_shard};
 pub use scene::{SceneCheck, SceneFile, check_scene, read_scene};
 pub use scene_write::{NewScene, SceneToWrite, init_scene, write_scene};

@@ -97,8 +97,7 @@ mod tests {
         use rand::{RngExt as _, SeedableRng as _};
         let mut rng = rand_pcg::Pcg64Mcg::seed_from_u64(3);
         let sigmas: Vec<f64> = (0..20_000).map(|i| 1e-3 * (1.0 + f64::from(i % 7))).collect();
-        let errors: Vec<f64> =
-            sigmas.iter().map(|s| s * rng.sample::<f64, _>(rand_distr::StandardNormal)).collect();
+        let errors: Vec<f64> = sigmas.iter().map(|s| s * rng.sample::<f64, _>(rand_distr::StandardNormal)).collect();
         let c = Calibration::new(&sigmas, &errors).expect("many pairs");
         assert!((c.coverage_90 - 0.9).abs() < 0.01 && (c.coverage_68 - 0.683).abs() < 0.015, "{c:?}");
         assert!((c.ratio_90 - 1.0).abs() < 0.03 && c.spearman > 0.3 && c.spearman < 0.9, "{c:?}");

@@ -1,5 +1,5 @@
-use super::{ColorBy, ReconstructError};
 use super::paper::{PaperParams, PaperSurface};
+use super::{ColorBy, ReconstructError};
 use crate::camera::SegmentParams;
 use crate::completion::{OrbitParams, TouchCheckParams, TouchPoseParams};
 use crate::evidence::EvidenceParams;

@@ -146,7 +146,9 @@ impl fmt::Display for Warning {
                 100.0 * share
             ),
             Self::Open => write!(f, "the mesh is not closed"),
-            Self::NoSupport => f.write_str("no support plane is stated or seen: how far down the object reaches is guessed"),
+            Self::NoSupport => {
+                f.write_str("no support plane is stated or seen: how far down the object reaches is guessed")
+            }
             Self::Extrapolated { share, sigma } => write!(
                 f,
                 "{:.0} % of the surface rests on no evidence (median σ {:.0} mm there): a touch or another view would help",

@@ -3,7 +3,7 @@
 use super::reconstruct::{SettledTouch, Stages, Warning};
 use super::{ReconstructError, ReconstructParams};
 use crate::camera::Visible;
-use crate::completion::{Copying, GuessSigma, RefinedTouch, copyings, copying_radius, objections, refine_touches};
+use crate::completion::{Copying, GuessSigma, RefinedTouch, copying_radius, copyings, objections, refine_touches};
 use crate::evidence::Evidence;
 use crate::scene::{PoseSigma, Scene};
 use crate::symmetry::Symmetry;

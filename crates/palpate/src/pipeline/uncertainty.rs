@@ -286,7 +286,10 @@ mod tests {
         assert_eq!(kind, VertexProvenance::Extrapolated);
         let (farther, kind) = model(&terms(40e-3, none));
         assert_eq!(kind, VertexProvenance::Extrapolated);
-        assert!(felt < seen && seen < guessed && guessed < beyond && beyond < farther, "{felt} {seen} {guessed} {beyond}");
+        assert!(
+            felt < seen && seen < guessed && guessed < beyond && beyond < farther,
+            "{felt} {seen} {guessed} {beyond}"
+        );
         assert!(model(&terms(none, none)).0.is_finite());
     }
 
