@@ -3,7 +3,7 @@
 use crate::progress::Timings;
 use palpate::geometry::{Topology, TriangleMesh};
 use palpate::io::{self, SceneFile};
-use palpate::pipeline::{ReconstructParams, Reconstruction};
+use palpate::pipeline::{ReconstructParams, Reconstruction, SettledTouch, VertexKnowledge, VertexProvenance};
 use palpate::symmetry::{Hypothesis, SymmetryElement};
 use serde_json::{Value, json};
 use std::path::Path;
@@ -35,6 +35,8 @@ pub(crate) fn reconstruction(
             "faces": result.mesh.faces.len(),
         },
         "mesh": mesh(&result.mesh),
+        "touches": result.touches.iter().map(touch).collect::<Vec<_>>(),
+        "vertices": result.knowledge.as_ref().map(knowledge),
         "symmetry": {
             "accepted": result.symmetry.accepted.iter().map(hypothesis).collect::<Vec<_>>(),
             "rejected": result.symmetry.rejected.len(),
@@ -50,6 +52,35 @@ fn mesh(mesh: &TriangleMesh) -> Value {
         "closed": topology.is_closed(),
         "volume_cm3": mesh.volume() * 1e6,
         "area_cm2": mesh.area() * 1e4,
+    })
+}
+
+/// A touch as it was used: its pose, refined where the scene states a σ, and the σ that remain.
+fn touch(touch: &SettledTouch) -> Value {
+    let pose = &touch.world_from_sensor;
+    let sigma = |i: usize| touch.covariance[(i, i)].max(0.0).sqrt();
+    json!({
+        "touch": touch.touch,
+        "world_from_sensor": {
+            "translation": pose.translation.vector.as_slice(),
+            "quaternion_xyzw": pose.rotation.coords.as_slice(),
+        },
+        "sigma_rotation": [sigma(0), sigma(1), sigma(2)],
+        "sigma_translation": [sigma(3), sigma(4), sigma(5)],
+    })
+}
+
+/// Shares of the vertices by what they rest on, and quantiles of σ in millimetres.
+fn knowledge(k: &VertexKnowledge) -> Value {
+    let count = k.provenance.len().max(1) as f64;
+    let share = |p: VertexProvenance| k.provenance.iter().filter(|q| **q == p).count() as f64 / count;
+    let quantile = |q: f64| palpate::metrics::quantile(&k.sigma, q).map(|s| 1e3 * s);
+    json!({
+        "seen": share(VertexProvenance::Seen),
+        "felt": share(VertexProvenance::Felt),
+        "guessed": share(VertexProvenance::Guessed),
+        "extrapolated": share(VertexProvenance::Extrapolated),
+        "sigma_mm": { "median": quantile(0.5), "q90": quantile(0.9), "max": quantile(1.0) },
     })
 }
 

@@ -2,9 +2,15 @@
 //! a touch contradicts (`paper`).
 
 mod eliminate;
+mod guess_sigma;
 mod motion;
 mod orbit;
+mod touch_check;
+mod touch_pose;
 
 pub use eliminate::{EliminationParams, contradicted};
+pub use guess_sigma::GuessSigma;
 pub use motion::{Copying, best_plane, copyings};
-pub use orbit::{MovedEvidence, OrbitParams, move_evidence};
+pub use orbit::{MovedEvidence, OrbitParams, copying_radius, move_evidence};
+pub use touch_check::{Objection, TouchCheckParams, objections};
+pub use touch_pose::{RefinedTouch, TouchPoseParams, refine_touches};

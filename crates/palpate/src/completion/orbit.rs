@@ -68,7 +68,7 @@ pub fn move_evidence(evidence: &Evidence, symmetry: &Symmetry, params: &OrbitPar
     if symmetry.accepted.is_empty() || evidence.samples.is_empty() {
         return MovedEvidence::default();
     }
-    let copyings = copyings(symmetry, typical_radius(evidence, symmetry), params.arc);
+    let copyings = copyings(symmetry, copying_radius(evidence, symmetry), params.arc);
     let families = copyings.iter().map(|m| m.family).max().map_or(0, |f| f as usize + 1);
     let outcasts = outcasts(evidence, &copyings, families, params);
     let covered = Covered::new(&evidence.samples, params);
@@ -108,8 +108,8 @@ fn in_free_space(evidence: &Evidence, p: &Point, params: &OrbitParams) -> bool {
     evidence.free_space.signed_distance(p) > params.free_tolerance
 }
 
-/// Distance (90th percentile) of the samples from the axis that will be used, or from their middle.
-fn typical_radius(evidence: &Evidence, symmetry: &Symmetry) -> f64 {
+/// Distance (90th percentile) of the samples from the axis that will be used, or from their middle, metres: what [`copyings`] is given.
+pub fn copying_radius(evidence: &Evidence, symmetry: &Symmetry) -> f64 {
     use crate::symmetry::SymmetryElement::{Axis, Reflection, Sphere};
     let of = |p: &Point| {
         symmetry.accepted.iter().find_map(|h| match &h.element {
@@ -119,6 +119,9 @@ fn typical_radius(evidence: &Evidence, symmetry: &Symmetry) -> f64 {
         })
     };
     let center = evidence.bounds.center();
+    if evidence.samples.is_empty() {
+        return 0.0;
+    }
     let mut radii: Vec<f64> =
         evidence.samples.iter().map(|s| of(&s.position).unwrap_or_else(|| (s.position - center).norm())).collect();
     let outer = (radii.len() * 9 / 10).min(radii.len() - 1);

@@ -6,6 +6,7 @@ use super::samples::Sample;
 use crate::camera::{Frame, Visible};
 use crate::geometry::{Aabb, Plane, Point, VoxelGrid};
 use crate::tactile::Patch;
+use nalgebra::Matrix6;
 
 /// The space that is proven free of the object, at two resolutions.
 ///
@@ -19,16 +20,18 @@ pub struct FreeSpace {
 }
 
 impl FreeSpace {
-    /// Builds both evaluators. `samples` are the measured ones; the cells they lie in are never free.
+    /// Builds both evaluators. `samples` are the measured ones; the cells they lie in are never free. `covariances` are those of the touch
+    /// poses: an uncertain pad proves less.
     pub fn new(
         frame: &Frame,
         visible: &Visible,
         patches: &[Patch],
+        covariances: &[Matrix6<f64>],
         samples: &[Sample],
         params: &EvidenceParams,
     ) -> Self {
         let rays = Rays::new(frame, visible, params);
-        let pad = PadClearance::new(patches, params.pad_thickness);
+        let pad = PadClearance::new(patches, covariances, params.pad_thickness);
         let support = visible.support;
         let proven = |p: &Point| rays.clearance(p).max(below(support.as_ref(), p));
         let grid = CarvedGrid::new(samples, params, proven, |p| pad.clearance(p), !pad.is_empty());

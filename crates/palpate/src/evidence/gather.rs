@@ -1,8 +1,10 @@
-use super::{EvidenceError, EvidenceParams, FreeSpace, Provenance, Sample, SampleIndex, average_in_voxels};
+use super::{
+    EvidenceError, EvidenceParams, FreeSpace, Provenance, Sample, SampleIndex, average_in_voxels, pose_sigma_at,
+};
 use crate::camera::{Frame, Visible};
 use crate::geometry::{Aabb, Plane, Point, Vector};
 use crate::tactile::Patch;
-use nalgebra::Unit;
+use nalgebra::{Matrix6, Unit, Vector6};
 
 /// Spacing and reach of the sample index, metres: the score's widest tolerance.
 const INDEX_SPACING: f64 = 0.002;
@@ -41,6 +43,23 @@ impl Evidence {
         patches: &[Patch],
         params: &EvidenceParams,
     ) -> Result<Self, EvidenceError> {
+        let (r, t) = (params.pose_sigma_rotation, params.pose_sigma_translation);
+        let stated = Matrix6::from_diagonal(&Vector6::new(r, r, r, t, t, t).map(|s| s * s));
+        Self::gather_posed(frame, visible, patches, &vec![stated; patches.len()], params)
+    }
+
+    /// [`Self::gather`] with the covariance of each touch's pose, in the sensor's frame: rotation (radians), then translation (metres).
+    /// The pose σ of `params` is not used.
+    ///
+    /// # Errors
+    /// As [`Self::gather`].
+    pub fn gather_posed(
+        frame: &Frame,
+        visible: &Visible,
+        patches: &[Patch],
+        covariances: &[Matrix6<f64>],
+        params: &EvidenceParams,
+    ) -> Result<Self, EvidenceError> {
         params.validate()?;
         let ((rows, cols), (found_rows, found_cols)) = (frame.depth.shape(), visible.depth.shape());
         if (rows, cols) != (found_rows, found_cols) || visible.mask.shape() != (rows, cols) {
@@ -48,15 +67,15 @@ impl Evidence {
         }
         let mut measured = seen_samples(frame, visible, params);
         let mut samples = average_in_voxels(&measured, params.seen_voxel);
-        for (touch, patch) in patches.iter().enumerate() {
-            let felt = felt_samples(patch, touch as u32, params);
+        for (touch, (patch, covariance)) in patches.iter().zip(covariances).enumerate() {
+            let felt = felt_samples(patch, touch as u32, covariance, params);
             samples.extend(average_in_voxels(&felt, params.felt_voxel));
             measured.extend(felt);
         }
         if samples.len() < LEAST_SAMPLES {
             return Err(EvidenceError::TooFewSamples { found: samples.len(), needed: LEAST_SAMPLES });
         }
-        let free_space = FreeSpace::new(frame, visible, patches, &samples, params);
+        let free_space = FreeSpace::new(frame, visible, patches, covariances, &samples, params);
         Ok(Self {
             index: SampleIndex::new(&samples, INDEX_SPACING, INDEX_REACH),
             bounds: free_space.hull_bounds(),
@@ -103,16 +122,15 @@ fn seen_samples(frame: &Frame, visible: &Visible, params: &EvidenceParams) -> Ve
 }
 
 /// Points of a patch as samples; a rotation error of the pose moves points far from the sensor's origin more.
-fn felt_samples(patch: &Patch, touch: u32, params: &EvidenceParams) -> Vec<Sample> {
-    let origin = patch.world_from_sensor * Point::origin();
+fn felt_samples(patch: &Patch, touch: u32, covariance: &Matrix6<f64>, params: &EvidenceParams) -> Vec<Sample> {
     patch
         .points
         .iter()
         .zip(&patch.normals)
         .filter_map(|(&position, normal)| {
-            let rotation = params.pose_sigma_rotation * (position - origin).norm();
-            let sigma = params.felt_sigma.hypot(params.pose_sigma_translation).hypot(rotation);
             let normal = normal.try_normalize(1e-6)?;
+            let pose = pose_sigma_at(&patch.world_from_sensor, covariance, &position, &normal);
+            let sigma = params.felt_sigma.hypot(pose);
             let finite = position.iter().all(|c| c.is_finite());
             finite.then_some(Sample { position, normal, sigma, provenance: Provenance::Felt { touch } })
         })

@@ -9,6 +9,7 @@ mod grid;
 mod index;
 mod pad;
 mod params;
+mod pose;
 mod rays;
 mod samples;
 #[cfg(test)]
@@ -19,5 +20,6 @@ pub use free_space::FreeSpace;
 pub use gather::Evidence;
 pub use index::{Match, SampleIndex};
 pub use params::{EvidenceError, EvidenceParams};
+pub use pose::{pose_row, pose_sigma_at};
 pub use samples::{Provenance, Sample};
 pub use thin::average_in_voxels;

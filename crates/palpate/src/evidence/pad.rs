@@ -1,6 +1,8 @@
+use super::pose::pose_sigma_at;
 use super::rays::UNKNOWN;
-use crate::geometry::{Aabb, Isometry, Point, Raster};
+use crate::geometry::{Aabb, Isometry, Point, Raster, Vector};
 use crate::tactile::Patch;
+use nalgebra::Matrix6;
 
 /// The free space that untouched gel proves: a layer on the sensor's side of the gel surface.
 pub(super) struct PadClearance {
@@ -16,6 +18,8 @@ struct Pad {
     gel: Raster<f32>,
     center: Point,
     squared_radius: f64,
+    /// How far behind the gel nothing is claimed, metres.
+    margin: f64,
 }
 
 /// Cell of the height map, metres: coarser than the spacing of lifted clearance points, so that it has no holes.
@@ -26,8 +30,9 @@ const MARGIN: f64 = 0.0003;
 const WIDEST: f64 = 0.1;
 
 impl PadClearance {
-    pub(super) fn new(patches: &[Patch], thickness: f64) -> Self {
-        let pads: Vec<Pad> = patches.iter().filter_map(|patch| Pad::new(patch, thickness)).collect();
+    pub(super) fn new(patches: &[Patch], covariances: &[Matrix6<f64>], thickness: f64) -> Self {
+        let pads: Vec<Pad> =
+            patches.iter().zip(covariances).filter_map(|(patch, c)| Pad::new(patch, c, thickness)).collect();
         let bounds = pads.iter().map(|p| Aabb { min: p.center, max: p.center }.inflated(p.squared_radius.sqrt()));
         Self { bounds: bounds.reduce(|a, b| a.union(&b)), pads, thickness }
     }
@@ -48,7 +53,7 @@ impl PadClearance {
 }
 
 impl Pad {
-    fn new(patch: &Patch, thickness: f64) -> Option<Self> {
+    fn new(patch: &Patch, covariance: &Matrix6<f64>, thickness: f64) -> Option<Self> {
         let sensor_from_world = patch.world_from_sensor.inverse();
         let finite = patch.clearance.iter().filter(|p| p.iter().all(|c| c.is_finite()));
         let local: Vec<Point> = finite.map(|p| sensor_from_world * p).collect();
@@ -68,7 +73,13 @@ impl Pad {
                 gel[(y as usize, x as usize)] = f32::NAN;
             }
         }
+        // The gel is where its pose says only to within the pose's σ, most at the rim.
+        let press = patch.world_from_sensor * Vector::z();
+        let rim = [bounds.min, bounds.max].map(|p| patch.world_from_sensor * p);
+        let sigma = rim.iter().map(|p| pose_sigma_at(&patch.world_from_sensor, covariance, p, &press));
+        let margin = MARGIN + 2.0 * sigma.fold(0.0, f64::max);
         Some(Self {
+            margin,
             sensor_from_world,
             corner: [bounds.min.x, bounds.min.y],
             gel,
@@ -85,7 +96,7 @@ impl Pad {
         }
         let Some(gel) = self.gel.get(y as usize, x as usize).filter(|g| g.is_finite()) else { return UNKNOWN };
         let behind = f64::from(*gel) - p.z;
-        if behind > thickness { UNKNOWN } else { (behind - MARGIN).max(UNKNOWN) }
+        if behind > thickness { UNKNOWN } else { (behind - self.margin).max(UNKNOWN) }
     }
 }
 
@@ -98,7 +109,7 @@ mod tests {
     fn pad(points: Vec<Point>) -> PadClearance {
         let clearance = (0..441).map(|i| Point::new(f64::from(i % 21) * 5e-4, f64::from(i / 21) * 5e-4, 0.0)).collect();
         let patch = Patch { points, normals: vec![], clearance, world_from_sensor: Isometry::identity() };
-        PadClearance::new(&[patch], 0.003)
+        PadClearance::new(&[patch], &[Matrix6::zeros()], 0.003)
     }
 
     #[test]

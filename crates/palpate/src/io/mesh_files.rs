@@ -1,6 +1,7 @@
 //! Meshes and clouds by extension, with the checks that every format shares.
 
 use super::error::read_bytes;
+use super::ply::VertexProperty;
 use super::raw::Raw;
 use super::{IoError, atomic_write, glb, obj, off, pcd, ply, stl};
 use crate::geometry::{Point, PointCloud, TriangleMesh};
@@ -122,9 +123,31 @@ pub(super) fn check_mesh_extension(path: &Path) -> Result<(), IoError> {
 /// # Errors
 /// [`IoError::Extension`], else as [`atomic_write`].
 pub fn write_mesh(path: impl AsRef<Path>, mesh: &TriangleMesh) -> Result<(), IoError> {
+    write_mesh_with(path, mesh, &[])
+}
+
+/// [`write_mesh`] with further values of each vertex. Only `.ply` can hold them; other formats are written without.
+///
+/// # Errors
+/// [`IoError::Content`] if a property has not one value a vertex or a name that a header cannot hold, else as [`write_mesh`].
+pub fn write_mesh_with(
+    path: impl AsRef<Path>,
+    mesh: &TriangleMesh,
+    properties: &[VertexProperty],
+) -> Result<(), IoError> {
     let path = path.as_ref();
+    let plain = |name: &str| !name.is_empty() && name.bytes().all(|b| b.is_ascii_alphanumeric() || b == b'_');
+    for VertexProperty { name, values } in properties {
+        let (found, needed) = (values.len(), mesh.vertices.len());
+        if found != needed || !plain(name) {
+            let reason = format!("vertex property '{name}' has {found} values; {needed} and a plain name are needed");
+            return Err(IoError::content(path, reason));
+        }
+    }
     match extension(path).as_str() {
-        "ply" => atomic_write(path, |w| ply::write(w, &mesh.vertices, None, mesh.colors.as_deref(), Some(&mesh.faces))),
+        "ply" => atomic_write(path, |w| {
+            ply::write(w, &mesh.vertices, None, mesh.colors.as_deref(), Some(&mesh.faces), properties)
+        }),
         "obj" => atomic_write(path, |w| obj::write(w, mesh)),
         "stl" => atomic_write(path, |w| stl::write(w, mesh)),
         "glb" => atomic_write(path, |w| glb::write(w, mesh)),
@@ -141,11 +164,12 @@ pub fn write_cloud(path: impl AsRef<Path>, cloud: &PointCloud) -> Result<(), IoE
     if extension(path) != "ply" {
         return Err(IoError::Extension { path: path.to_owned(), known: ".ply" });
     }
-    atomic_write(path, |w| ply::write(w, &cloud.points, cloud.normals.as_deref(), cloud.colors.as_deref(), None))
+    atomic_write(path, |w| ply::write(w, &cloud.points, cloud.normals.as_deref(), cloud.colors.as_deref(), None, &[]))
 }
 
 #[cfg(test)]
 mod tests {
+    use super::super::ply::PropertyValues;
     use super::*;
     use crate::geometry::Vector;
 
@@ -173,6 +197,33 @@ mod tests {
         }
         let error = write_mesh(folder.path().join("m.3ds"), &mesh).expect_err("unknown");
         assert!(error.to_string().contains("must be one of .ply .obj .stl .glb"), "{error}");
+    }
+
+    #[test]
+    fn further_values_of_vertices_are_written_under_their_names() {
+        let folder = tempfile::tempdir().expect("temporary folder");
+        let path = folder.path().join("m.ply");
+        let mesh = tetrahedron();
+        let (sigma, kind) = ([0.5f32, 1.0, 2.0, 4.0], [0u8, 1, 2, 3]);
+        let properties = [
+            VertexProperty { name: "sigma_mm", values: PropertyValues::Float(&sigma) },
+            VertexProperty { name: "provenance", values: PropertyValues::Uchar(&kind) },
+        ];
+        write_mesh_with(&path, &mesh, &properties).expect("written");
+        assert_eq!(read_mesh(&path).expect("our reader skips what it does not know"), mesh);
+        let mut file = std::io::BufReader::new(std::fs::File::open(&path).expect("there"));
+        let ply = ply_rs_bw::parser::Parser::<ply_rs_bw::ply::DefaultElement>::new().read_ply(&mut file);
+        let vertices = &ply.expect("another reader opens it").payload["vertex"];
+        for (i, v) in vertices.iter().enumerate() {
+            assert_eq!(v["sigma_mm"], ply_rs_bw::ply::Property::Float(sigma[i]));
+            assert_eq!(v["provenance"], ply_rs_bw::ply::Property::UChar(kind[i]));
+        }
+        for (name, values) in [("sigma_mm", &sigma[..3]), ("two words", &sigma[..]), ("", &sigma[..])] {
+            let bad = [VertexProperty { name, values: PropertyValues::Float(values) }];
+            let error = write_mesh_with(folder.path().join("bad.ply"), &mesh, &bad).expect_err("refused");
+            assert!(error.to_string().contains("vertex property"), "{error}");
+        }
+        assert!(!folder.path().join("bad.ply").exists());
     }
 
     #[test]

@@ -40,9 +40,11 @@ pub use images::{
 pub use lookup_table::read_lookup_table;
 pub use mesh_files::{
     CloudFile, parse_cloud, parse_mesh, read_cloud, read_cloud_file, read_mesh, write_cloud, write_mesh,
+    write_mesh_with,
 };
 pub use npy::{NpyArray, parse_npy, read_height_map_npy, read_npy, write_height_map_npy, write_npy};
 pub use object_split::{ObjectSplit, SplitPart, parse_object_split, read_object_split};
+pub use ply::{PropertyValues, VertexProperty};
 pub use press_set::{PressSet, PressSetHeader, begin_press_set, has_press_shard, write_press_shard};
 pub use scene::{SceneCheck, SceneFile, check_scene, read_scene};
 pub use scene_append::SceneAppender;

@@ -301,13 +301,42 @@ fn face(values: &mut Values, element: &Element, corners: &mut Vec<u32>) -> Resul
     Ok(())
 }
 
-/// Writes binary little endian: float positions, float normals and uchar colours where given, int faces if any.
+/// A further value of each vertex, written under its own name.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct VertexProperty<'a> {
+    /// Name in the header: letters, digits and underscores.
+    pub name: &'a str,
+    /// One value a vertex.
+    pub values: PropertyValues<'a>,
+}
+
+/// Values of a vertex property and the type they are written as.
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[non_exhaustive]
+pub enum PropertyValues<'a> {
+    /// `float`.
+    Float(&'a [f32]),
+    /// `uchar`.
+    Uchar(&'a [u8]),
+}
+
+impl PropertyValues<'_> {
+    pub(super) fn len(&self) -> usize {
+        match self {
+            Self::Float(values) => values.len(),
+            Self::Uchar(values) => values.len(),
+        }
+    }
+}
+
+/// Writes binary little endian: float positions, float normals and uchar colours where given, then the further properties; int faces if any.
 pub(super) fn write(
     w: &mut impl Write,
     points: &[Point],
     normals: Option<&[Vector]>,
     colors: Option<&[[u8; 3]]>,
     faces: Option<&[[u32; 3]]>,
+    properties: &[VertexProperty],
 ) -> io::Result<()> {
     write!(w, "ply\nformat binary_little_endian 1.0\ncomment palpate {}, metres\n", env!("CARGO_PKG_VERSION"))?;
     write!(w, "element vertex {}\nproperty float x\nproperty float y\nproperty float z\n", points.len())?;
@@ -316,6 +345,13 @@ pub(super) fn write(
     }
     if colors.is_some() {
         w.write_all(b"property uchar red\nproperty uchar green\nproperty uchar blue\n")?;
+    }
+    for property in properties {
+        let kind = match property.values {
+            PropertyValues::Float(_) => "float",
+            PropertyValues::Uchar(_) => "uchar",
+        };
+        writeln!(w, "property {kind} {}", property.name)?;
     }
     if let Some(faces) = faces {
         write!(w, "element face {}\nproperty list uchar int vertex_indices\n", faces.len())?;
@@ -328,6 +364,12 @@ pub(super) fn write(
         }
         if let Some(colors) = colors {
             w.write_all(&colors[i])?;
+        }
+        for property in properties {
+            match property.values {
+                PropertyValues::Float(values) => w.write_all(&values[i].to_le_bytes())?,
+                PropertyValues::Uchar(values) => w.write_all(&[values[i]])?,
+            }
         }
     }
     for face in faces.into_iter().flatten() {

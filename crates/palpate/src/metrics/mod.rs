@@ -3,6 +3,7 @@
 //! Nothing is aligned: both meshes are judged in the frame they come in. Distances run from area-weighted samples of one
 //! surface to the other's **triangles**; IoU integrates exact intervals along a jittered lattice of lines.
 
+mod calibration;
 mod comparison;
 mod distances;
 mod inside;
@@ -16,6 +17,7 @@ pub(crate) mod test_shapes;
 mod truth;
 mod volumetric_iou;
 
+pub use calibration::{Calibration, NORMAL_90, spearman};
 pub use comparison::{Comparison, MetricsError, compare};
 pub use distances::{Distances, SampleDistances};
 pub use oracle_plane::{mirror_error, oracle_plane};

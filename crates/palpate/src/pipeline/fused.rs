@@ -1,5 +1,7 @@
 use super::reconstruct::{Reconstruction, Stages, Warning, felt_cloud};
-use super::{ReconstructError, ReconstructParams, Surface, stages as step};
+use super::trust::{Settled, settle};
+use super::uncertainty::{Guesses, vertex_knowledge};
+use super::{ReconstructError, ReconstructParams, Surface, VertexKnowledge, color, stages as step};
 use crate::camera::segment_object;
 use crate::completion::{MovedEvidence, move_evidence};
 use crate::evidence::{Evidence, Sample};
@@ -19,6 +21,7 @@ pub(super) fn reconstruct(
     stages.begin("see");
     let visible = segment_object(&scene.frame, &params.segment)?;
     warnings.extend(super::reconstruct::cut_by_border(&visible));
+    warnings.extend(visible.support.is_none().then_some(Warning::NoSupport));
 
     // Feel: each contact becomes a small oriented patch.
     stages.begin("feel");
@@ -26,9 +29,11 @@ pub(super) fn reconstruct(
     stages.begin("evidence");
     let (evidence, patches) = step::gather(scene, &visible, patches, params, &mut warnings)?;
 
-    // Guess: moves of the object that all the evidence agrees with; none is an answer.
+    // Guess: moves of the object that all the evidence agrees with; none is an answer. Touches are on trial meanwhile: poses refined,
+    // wrong ones left out.
     stages.begin("symmetry");
-    let symmetry = stages.estimator().estimate(&evidence);
+    let Settled { evidence, patches, touches, symmetry } =
+        settle(scene, &visible, evidence, patches, params, stages, &mut warnings)?;
     stages.begin("move");
     let moved = move_evidence(&evidence, &symmetry, &params.orbit);
 
@@ -37,7 +42,7 @@ pub(super) fn reconstruct(
     let measured: Vec<WeightedSample> =
         evidence.measured.iter().map(|s| weighted(s, params.full_weight_sigma)).collect();
     let guessed = guessed_samples(&moved, params.orbit.orientation);
-    let mesh = match params.surface() {
+    let mut mesh = match params.surface() {
         Surface::Implicit => implicit_mesh(&evidence, &measured, &guessed, params, stages),
         other => point_mesh(&measured, &guessed, other, params)?,
     };
@@ -49,6 +54,13 @@ pub(super) fn reconstruct(
     if !Topology::of(&mesh).is_closed() {
         warnings.push(Warning::Open);
     }
+
+    // Doubt: how sure each vertex is, and of what kind.
+    stages.begin("doubt");
+    let guesses = Guesses::new(&evidence, &symmetry, &moved, params.orbit.arc);
+    let knowledge = params.uncertainty.then(|| vertex_knowledge(&mesh, &evidence, &guesses));
+    warnings.extend(knowledge.as_ref().and_then(VertexKnowledge::warning));
+    mesh.colors = color::paint(&mesh, params.color, knowledge.as_ref(), &scene.frame, &visible, &guesses);
     let visible_cloud = visible.cloud(&scene.frame);
     Ok(Reconstruction {
         mesh,
@@ -58,7 +70,9 @@ pub(super) fn reconstruct(
         removed: sample_cloud(&moved.contradicted),
         joined: weighted_cloud(measured.iter().chain(&guessed)),
         symmetry,
-        touches_used: patches.len(),
+        touches_used: touches.len(),
+        touches,
+        knowledge,
         warnings,
     })
 }

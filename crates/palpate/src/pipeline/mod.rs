@@ -3,14 +3,19 @@
 //! [`reconstruct`] is the door; `fused` and `paper` read like the method. Results keep every intermediate, so viewers and tests
 //! need no hooks.
 
+mod color;
 mod error;
 mod fused;
 mod paper;
 mod params;
 mod reconstruct;
 mod stages;
+mod trust;
+mod uncertainty;
 
+pub use color::ColorBy;
 pub use error::ReconstructError;
 pub use paper::{PaperError, PaperParams, PaperResult, PaperSurface, reconstruct_paper};
 pub use params::{Method, ReconstructParams, Surface, TouchParams};
-pub use reconstruct::{Reconstruction, Stages, Warning, reconstruct};
+pub use reconstruct::{Reconstruction, SettledTouch, Stages, Warning, reconstruct};
+pub use uncertainty::{SigmaTerms, VertexKnowledge, VertexProvenance};

@@ -134,6 +134,7 @@ pub(super) fn reconstruct(
     let patches = step::feel(scene, params, stages, &mut warnings)?;
     stages.begin("evidence");
     let (evidence, patches) = step::gather(scene, &visible, patches, params, &mut warnings)?;
+    let patches: Vec<Patch> = patches.into_iter().map(|(_, patch)| patch).collect();
     stages.begin("symmetry");
     let symmetry = stages.estimator().estimate(&evidence);
     let view = evidence.bounds.center() - evidence.camera_center;
@@ -158,6 +159,8 @@ pub(super) fn reconstruct(
         joined: result.joined,
         symmetry,
         touches_used: patches.len(),
+        touches: Vec::new(),
+        knowledge: None,
         warnings,
     })
 }

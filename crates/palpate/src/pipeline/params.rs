@@ -1,7 +1,7 @@
-use super::ReconstructError;
 use super::paper::{PaperParams, PaperSurface};
+use super::{ColorBy, ReconstructError};
 use crate::camera::SegmentParams;
-use crate::completion::OrbitParams;
+use crate::completion::{OrbitParams, TouchCheckParams, TouchPoseParams};
 use crate::evidence::EvidenceParams;
 use crate::surface::ImplicitParams;
 use crate::symmetry::SymmetryParams;
@@ -62,6 +62,10 @@ pub struct ReconstructParams {
     pub paper: PaperParams,
     /// Implicit function.
     pub implicit: ImplicitParams,
+    /// Whether σ and provenance of every vertex are worked out (`fused`).
+    pub uncertainty: bool,
+    /// What the vertices are coloured by (`fused`).
+    pub color: ColorBy,
 }
 
 impl Default for ReconstructParams {
@@ -80,6 +84,8 @@ impl Default for ReconstructParams {
             orbit: OrbitParams::default(),
             paper: PaperParams::default(),
             implicit: ImplicitParams::default(),
+            uncertainty: true,
+            color: ColorBy::None,
         }
     }
 }
@@ -92,11 +98,46 @@ pub struct TouchParams {
     pub max_in_free_space: f64,
     /// Further than this many diagonals of the visible side from it: not this object.
     pub max_diagonals: f64,
+    /// Whether poses are refined before fusion, where the scene states their σ (`fused`).
+    pub refine: bool,
+    /// Whether touches that the other evidence rules out are left out (`fused`).
+    pub judge: bool,
+    /// The refinement.
+    pub pose: TouchPoseParams,
+    /// The judgement.
+    pub check: TouchCheckParams,
 }
 
 impl Default for TouchParams {
     fn default() -> Self {
-        Self { max_in_free_space: 10e-3, max_diagonals: 1.0 }
+        Self {
+            max_in_free_space: 10e-3,
+            max_diagonals: 1.0,
+            refine: true,
+            judge: true,
+            pose: TouchPoseParams::default(),
+            check: TouchCheckParams::default(),
+        }
+    }
+}
+
+impl TouchParams {
+    fn validate(&self) -> Result<(), ReconstructError> {
+        let (pose, check) = (&self.pose, &self.check);
+        let positive = [
+            ("touches.pose.seen_worth", pose.seen_worth),
+            ("touches.pose.guess_worth", pose.guess_worth),
+            ("touches.pose.normal_sigma", pose.normal_sigma),
+            ("touches.pose.cauchy", pose.cauchy),
+            ("touches.pose.tangential", pose.tangential),
+            ("touches.check.free_depth", check.free_depth),
+            ("touches.check.body_margin", check.body_margin),
+            ("touches.check.body_length", check.body_length),
+        ];
+        match positive.into_iter().find(|(_, value)| !(value.is_finite() && *value > 0.0)) {
+            Some((field, value)) => Err(ReconstructError::Params { field, value, rule: "positive and finite" }),
+            None => Ok(()),
+        }
     }
 }
 
@@ -116,6 +157,7 @@ impl ReconstructParams {
         positive("orbit.arc", self.orbit.arc)?;
         positive("orbit.full_score", self.orbit.full_score)?;
         positive("orbit.free_tolerance", self.orbit.free_tolerance)?;
+        self.touches.validate()?;
         self.segment.validate()?;
         self.evidence.validate()?;
         self.symmetry.validate()?;

@@ -1,8 +1,9 @@
-use super::{Method, ReconstructError, ReconstructParams, fused, paper};
-use crate::geometry::{PointCloud, TriangleMesh};
+use super::{Method, ReconstructError, ReconstructParams, VertexKnowledge, fused, paper};
+use crate::geometry::{Isometry, PointCloud, TriangleMesh};
 use crate::scene::Scene;
 use crate::symmetry::{EvidenceSearch, Symmetry, SymmetryEstimator};
 use crate::tactile::{Patch, TactileDecoder};
+use nalgebra::Matrix6;
 use std::fmt;
 
 /// The parts that another crate may supply, and who wants to hear how far the work is.
@@ -34,6 +35,33 @@ pub enum Warning {
     },
     /// The mesh has holes.
     Open,
+    /// Nothing says what the object stands on: how far down it reaches is guessed.
+    NoSupport,
+    /// Much of the surface rests on no evidence at all.
+    Extrapolated {
+        /// Share of the vertices.
+        share: f64,
+        /// Their median σ, metres.
+        sigma: f64,
+    },
+}
+
+impl Warning {
+    /// Whether something that was recorded was not used or the result is not what was asked for; else it only says what is not known.
+    pub fn is_loss(&self) -> bool {
+        !matches!(self, Self::NoSupport | Self::Extrapolated { .. })
+    }
+}
+
+/// A touch as it was used.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SettledTouch {
+    /// Index in the order taken.
+    pub touch: usize,
+    /// Its pose, refined where the scene states how uncertain poses are.
+    pub world_from_sensor: Isometry,
+    /// Covariance of the pose in the sensor's frame: rotation (radians), then translation (metres).
+    pub covariance: Matrix6<f64>,
 }
 
 /// A closed mesh and everything it was made from, **world** frame, metres.
@@ -55,6 +83,10 @@ pub struct Reconstruction {
     pub symmetry: Symmetry,
     /// Number of touches used.
     pub touches_used: usize,
+    /// The touches used, with the poses used; `fused` only.
+    pub touches: Vec<SettledTouch>,
+    /// What is known of each vertex of the mesh; `fused` only, where [`ReconstructParams::uncertainty`] asks for it.
+    pub knowledge: Option<VertexKnowledge>,
     /// What the user should know.
     pub warnings: Vec<Warning>,
 }
@@ -114,6 +146,15 @@ impl fmt::Display for Warning {
                 100.0 * share
             ),
             Self::Open => write!(f, "the mesh is not closed"),
+            Self::NoSupport => {
+                f.write_str("no support plane is stated or seen: how far down the object reaches is guessed")
+            }
+            Self::Extrapolated { share, sigma } => write!(
+                f,
+                "{:.0} % of the surface rests on no evidence (median σ {:.0} mm there): a touch or another view would help",
+                100.0 * share,
+                1e3 * sigma
+            ),
         }
     }
 }

@@ -53,14 +53,14 @@ fn contact_of<'a>(
 }
 
 /// Gathers the evidence, leaving out touches that cannot be of this object: further off than its size, or in space that the
-/// camera proves free.
+/// camera proves free. Patches come with the touch's number in the order taken.
 pub(super) fn gather(
     scene: &Scene,
     visible: &Visible,
     mut patches: Vec<(usize, Patch)>,
     params: &ReconstructParams,
     warnings: &mut Vec<Warning>,
-) -> Result<(Evidence, Vec<Patch>), ReconstructError> {
+) -> Result<(Evidence, Vec<(usize, Patch)>), ReconstructError> {
     let seen = visible.cloud(&scene.frame);
     if let Some(bounds) = seen.bounds() {
         let reach = params.touches.max_diagonals * bounds.diagonal();
@@ -81,9 +81,9 @@ pub(super) fn gather(
     evidence_params.pose_sigma_rotation = evidence_params.pose_sigma_rotation.max(scene.pose_sigma.rotation);
     let gather = |patches: &[(usize, Patch)]| {
         let patches: Vec<Patch> = patches.iter().map(|(_, p)| p.clone()).collect();
-        Evidence::gather(&scene.frame, visible, &patches, &evidence_params).map(|e| (e, patches))
+        Evidence::gather(&scene.frame, visible, &patches, &evidence_params)
     };
-    let (evidence, all) = gather(&patches)?;
+    let evidence = gather(&patches)?;
     let inside_free = |patch: &Patch| {
         let mut depths: Vec<f64> = patch.points.iter().map(|p| evidence.free_space.clearance(p)).collect();
         let middle = depths.len() / 2;
@@ -99,5 +99,6 @@ pub(super) fn gather(
         }
         !wrong
     });
-    if patches.len() == before { Ok((evidence, all)) } else { Ok(gather(&patches)?) }
+    let evidence = if patches.len() == before { evidence } else { gather(&patches)? };
+    Ok((evidence, patches))
 }

@@ -108,14 +108,14 @@ impl Motion {
 }
 
 /// Two unit vectors that complete `n` to a right-handed basis (u, v, n); a fixed choice, so that covariances have a meaning.
-pub(super) fn tangents(n: &Vector) -> (Vector, Vector) {
+pub(crate) fn tangents(n: &Vector) -> (Vector, Vector) {
     let smallest = n.iamin();
     let u = n.cross(&Vector::ith(smallest, 1.0)).normalize();
     (u, n.cross(&u))
 }
 
 /// `n` turned by the small angles `a` about u and `b` about v.
-pub(super) fn tilted(n: &Unit<Vector>, a: f64, b: f64) -> Unit<Vector> {
+pub(crate) fn tilted(n: &Unit<Vector>, a: f64, b: f64) -> Unit<Vector> {
     let (u, v) = tangents(n);
     Unit::new_normalize(n.into_inner() + u * b - v * a)
 }

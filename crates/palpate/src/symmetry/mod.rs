@@ -14,6 +14,7 @@ mod resting;
 mod score;
 
 pub use element::{Motion, SymmetryElement};
+pub(crate) use element::{tangents, tilted};
 pub use estimate::{EvidenceSearch, Hypothesis, Rejection, Symmetry, SymmetryEstimator};
 pub use params::{SymmetryError, SymmetryParams};
 pub use score::Score;

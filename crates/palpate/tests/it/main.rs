@@ -12,6 +12,7 @@ mod photometry;
 mod poisson;
 mod property;
 mod readers;
+mod robust;
 mod segment;
 mod touch;
 mod workshop;

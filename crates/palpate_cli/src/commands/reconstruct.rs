@@ -4,8 +4,8 @@ use crate::progress::StageClock;
 use crate::report;
 use anyhow::{Context as _, bail};
 use palpate::geometry::PointCloud;
-use palpate::io::{self, SceneFile};
-use palpate::pipeline::{self, Method, ReconstructParams, Reconstruction, Stages, Surface};
+use palpate::io::{self, PropertyValues, SceneFile, VertexProperty};
+use palpate::pipeline::{self, ColorBy, Method, ReconstructParams, Reconstruction, Stages, Surface, Warning};
 use palpate::tactile::{NoContact, TactileDecoder};
 use std::path::{Path, PathBuf};
 
@@ -50,6 +50,9 @@ pub(crate) struct Args {
     /// Folder for the clouds between the steps (visible, moved, removed, felt, fused), to look at in MeshLab.
     #[arg(long, value_name = "DIR")]
     keep: Option<PathBuf>,
+    /// Colour the vertices by their uncertainty, by what they rest on, or by the frame's image.
+    #[arg(long, value_enum)]
+    color: Option<ColorArg>,
     /// Seed of everything random; the same seed gives the same bytes.
     #[arg(long, value_name = "N")]
     seed: Option<u64>,
@@ -69,6 +72,18 @@ enum SurfaceArg {
     Implicit,
     Poisson,
     BallPivoting,
+}
+
+#[derive(Clone, Copy, clap::ValueEnum)]
+enum ColorArg {
+    /// No colours.
+    None,
+    /// Blue: 0.2 mm and less; red: 10 mm and more.
+    Sigma,
+    /// Seen green, felt orange, guessed blue, extrapolated grey.
+    Provenance,
+    /// The image where it shows the surface, moved along where the surface was guessed.
+    Image,
 }
 
 #[derive(Clone, Copy, PartialEq, clap::ValueEnum)]
@@ -163,6 +178,13 @@ fn effective_params(args: &Args) -> anyhow::Result<ReconstructParams> {
         Some(SurfaceArg::BallPivoting) => params.surface = Some(Surface::BallPivoting),
         None => {}
     }
+    match args.color {
+        Some(ColorArg::None) => params.color = ColorBy::None,
+        Some(ColorArg::Sigma) => params.color = ColorBy::Sigma,
+        Some(ColorArg::Provenance) => params.color = ColorBy::Provenance,
+        Some(ColorArg::Image) => params.color = ColorBy::Image,
+        None => {}
+    }
     if let Some(pick) = args.pick {
         params.segment.pick = Some(pick);
     }
@@ -201,7 +223,7 @@ fn reconstruct_one(
         Stages { decoder: decoder.as_deref(), on_stage: Some(&|stage| clock.begin(stage)), ..Stages::default() };
     let result = pipeline::reconstruct(&file.scene, params, &stages)?;
     clock.begin("write");
-    io::write_mesh(output, &result.mesh)?;
+    write_result(output, &result)?;
     if let Some(keep) = keep {
         keep_steps(keep, &result, params)?;
     }
@@ -214,7 +236,7 @@ fn reconstruct_one(
         report::write_json(path, &json)?;
     }
     println!("{}", report::one_line(output, &result, &timings));
-    Ok(if result.warnings.is_empty() { Outcome::Done } else { Outcome::Degraded })
+    Ok(if result.warnings.iter().any(Warning::is_loss) { Outcome::Degraded } else { Outcome::Done })
 }
 
 /// The decoder of the scene's tactile images, if any is to be decoded. Recorded maps beside images are dropped where the images
@@ -256,6 +278,18 @@ fn read_input(folder: &Path, seed: u64) -> anyhow::Result<SceneFile> {
     })
 }
 
+/// The mesh; as PLY with σ (millimetres) and provenance of each vertex where they are known.
+fn write_result(path: &Path, result: &Reconstruction) -> anyhow::Result<()> {
+    let Some(knowledge) = &result.knowledge else { return Ok(io::write_mesh(path, &result.mesh)?) };
+    let sigma: Vec<f32> = knowledge.sigma.iter().map(|s| (1e3 * s) as f32).collect();
+    let provenance: Vec<u8> = knowledge.provenance.iter().map(|p| *p as u8).collect();
+    let properties = [
+        VertexProperty { name: "sigma_mm", values: PropertyValues::Float(&sigma) },
+        VertexProperty { name: "provenance", values: PropertyValues::Uchar(&provenance) },
+    ];
+    Ok(io::write_mesh_with(path, &result.mesh, &properties)?)
+}
+
 /// The clouds between the steps, and the effective parameters.
 fn keep_steps(folder: &Path, result: &Reconstruction, params: &ReconstructParams) -> anyhow::Result<()> {
     io::create_folder(folder)?;
@@ -269,7 +303,7 @@ fn keep_steps(folder: &Path, result: &Reconstruction, params: &ReconstructParams
     for (name, cloud) in clouds {
         io::write_cloud(folder.join(name).with_extension("ply"), cloud)?;
     }
-    io::write_mesh(folder.join("mesh.ply"), &result.mesh)?;
+    write_result(&folder.join("mesh.ply"), result)?;
     io::write_text(folder.join("params.toml"), &crate::config::to_toml(params)?)?;
     Ok(())
 }
