@@ -1,7 +1,7 @@
 //! Meshes a cloud and prints what it took: CPU and wall seconds inside the call, peak memory, and what came out.
 //!
 //! ```text
-//! measure_surface CLOUD poisson|ball-pivoting [--depth D] [--radius R]... [--threads N] [--repeats N] [--out MESH]
+//! measure_surface CLOUD poisson|ball-pivoting [--depth D] [--radius R]... [--threads N] [--repeats N] [--out MESH] [--set FIELD=VALUE]...
 //! ```
 //!
 //! One JSON object on standard output, metres and seconds. CPU and memory are Linux's own counts (`/proc`).
@@ -22,6 +22,8 @@ struct Args {
     threads: usize,
     repeats: usize,
     out: Option<PathBuf>,
+    /// Fields of the parameters to override, as TOML lines.
+    set: Vec<String>,
 }
 
 fn parse() -> Result<Args, Box<dyn Error>> {
@@ -36,6 +38,7 @@ fn parse() -> Result<Args, Box<dyn Error>> {
             "--radius" => args.radii.push(value.parse()?),
             "--threads" => args.threads = value.parse()?,
             "--repeats" => args.repeats = value.parse()?,
+            "--set" => args.set.push(value),
             "--out" => args.out = Some(value.into()),
             _ => return Err(format!("unknown flag {flag}").into()),
         }
@@ -44,18 +47,20 @@ fn parse() -> Result<Args, Box<dyn Error>> {
 }
 
 /// Mesh, depth and cell where there is one.
-type Made = (TriangleMesh, Option<u32>);
+type Made = (TriangleMesh, Option<(u32, f64, f64, f64)>);
 
 fn mesh(cloud: &PointCloud, args: &Args) -> Result<Made, Box<dyn Error>> {
     match args.method.as_str() {
         "poisson" => {
-            let params = PoissonParams { depth: args.depth, ..PoissonParams::default() };
+            let mut params: PoissonParams = toml::from_str(&args.set.join("\n"))?;
+            params.depth = args.depth.or(params.depth);
             let surface = screened_poisson(cloud, None, &params)?;
-            Ok((surface.mesh, Some(surface.depth)))
+            Ok((surface.mesh, Some((surface.depth, surface.cell, surface.noise, surface.screening))))
         }
         "ball-pivoting" => {
             let radii = (!args.radii.is_empty()).then(|| args.radii.clone());
-            let params = BallPivotingParams { radii, ..BallPivotingParams::default() };
+            let mut params: BallPivotingParams = toml::from_str(&args.set.join("\n"))?;
+            params.radii = radii.or(params.radii);
             Ok((ball_pivoting(cloud, &params)?, None))
         }
         other => Err(format!("unknown method {other}").into()),
@@ -100,7 +105,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         "peak_mb": peak,
         "before_mb": before,
         "triangles": made.0.faces.len(),
-        "depth": made.1,
+        "chosen": made.1,
         "closed": topology.is_watertight(),
         "edge_manifold": topology.is_edge_manifold(),
         "vertex_manifold": topology.is_vertex_manifold(),

@@ -23,7 +23,7 @@ proptest! {
     fn random_clouds_give_closed_manifolds(
         cloud in clouds(),
         depth in prop_oneof![Just(None), (2_u32..=7).prop_map(Some)],
-        screening in 0.0..20.0,
+        screening in prop_oneof![Just(None), (0.0..20.0).prop_map(Some)],
     ) {
         let params = PoissonParams { depth, screening, ..PoissonParams::default() };
         match screened_poisson(&cloud, None, &params) {
