@@ -8,6 +8,7 @@ pub(crate) mod config;
 pub(crate) mod decode;
 pub(crate) mod init;
 pub(crate) mod inspect;
+pub(crate) mod mesh;
 pub(crate) mod presses;
 pub(crate) mod reconstruct;
 pub(crate) mod render;

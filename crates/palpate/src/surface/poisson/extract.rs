@@ -37,6 +37,35 @@ impl Field {
         0.0
     }
 
+    /// Mean distance of the samples from the surface along the function's slope, each weighing its area, unit cube; at most two cells count.
+    pub(super) fn misfit(&self, input: &Weighted, isovalue: f64) -> f64 {
+        let limit = 2.0 / f64::from(1_u32 << self.depth());
+        let place = |&p: &[f64; 3]| self.distance(p, isovalue).min(limit);
+        let distances: Vec<f64> = input.samples.position.par_iter().map(place).collect();
+        let weighted: f64 = distances.iter().zip(&input.area).map(|(d, a)| d * a).sum();
+        weighted / input.area.iter().sum::<f64>()
+    }
+
+    /// Distance of a place from the surface to first order.
+    fn distance(&self, place: [f64; 3], isovalue: f64) -> f64 {
+        for level in self.levels.iter().rev() {
+            let (cell, inside) = locate(place, level.depth);
+            let Some(rows) = level.lattice.corner_rows(cell) else { continue };
+            let values: [f64; 8] = std::array::from_fn(|c| f64::from(level.values[corner(&rows, c)]));
+            let interpolate = |at: [f64; 3]| -> f64 { hats(at).iter().zip(values).map(|(b, v)| b * v).sum() };
+            let cells = f64::from(1_u32 << level.depth);
+            // Linear along each axis: the slope is the difference of the two sides.
+            let slope: f64 = (0..3)
+                .map(|axis| {
+                    let side = |t: f64| interpolate(std::array::from_fn(|k| if k == axis { t } else { inside[k] }));
+                    ((side(1.0) - side(0.0)) * cells).powi(2)
+                })
+                .sum();
+            return (interpolate(inside) - isovalue).abs() / slope.sqrt();
+        }
+        f64::INFINITY
+    }
+
     /// The function at a node of the finest lattice.
     fn at_node(&self, node: Cell) -> f64 {
         let Some(finest) = self.levels.last() else { return 0.0 };

@@ -37,9 +37,15 @@ const DEEP_SHARE: f64 = 0.01;
 /// Screening weights that an automatic choice stays within.
 const AUTOMATIC_SCREENING: (f64, f64) = (1.5, 32.0);
 
+/// The least where coarse cells were chosen because of the noise.
+const COARSE_SCREENING: f64 = 1.0;
+
 /// Automatic screening times (noise / finest cell)²: noise weighs as the inverse variance. From the errors of three objects at 50,000 points with
 /// noise of 0 to 1 mm at two depths.
 const SCREENING_TIMES_VARIANCE: f64 = 0.04;
+
+/// The samples' mean distance from the surface over that of their noise up to which coarse cells will do.
+const EXPLAINED: f64 = 1.05;
 
 /// What screened Poisson made of a cloud.
 #[derive(Debug, Clone, PartialEq)]
@@ -87,16 +93,17 @@ pub fn screened_poisson(
     params.validate()?;
     let (normals, chosen) = checked(cloud, weights)?;
     let (samples, domain) = Domain::choose(cloud, normals, weights, &chosen, params)?;
-    let density = Density::new(&samples, domain.depth);
-    let input = weighted(&samples, &density, domain.depth, params.samples_per_node);
-    let depth = filled_depth(&input, domain.depth);
-    let cell = domain.edge / f64::from(1_u32 << depth);
-    let screening = params.screening.unwrap_or_else(|| automatic_screening(domain.noise / cell));
-    let field = Field::new(solve::solve(&input, depth, |_| screening, params.boundary, solve::TOLERANCE));
-    let isovalue = field.isovalue(&input);
+    let least = if domain.coarse { COARSE_SCREENING } else { AUTOMATIC_SCREENING.0 };
+    let mut solved = solve_at(&samples, &domain, domain.depth, least, params);
+    if let Some(finer) = domain.finer_depth
+        && solved.misfit_per_noise(&domain) > EXPLAINED
+    {
+        solved = solve_at(&samples, &domain, finer, AUTOMATIC_SCREENING.0, params);
+    }
+    let Solved { density, field, isovalue, depth, screening, .. } = solved;
+    let cell = domain.cell(depth);
     let usual_density = finish::median_density(&density, &samples);
     let mut mesh = field.extract(&samples, isovalue, domain.origin, domain.edge);
-    drop(input);
     drop(field);
     if mesh.is_empty() {
         let reason = "the normals cancel: no side is inside".to_owned();
@@ -118,9 +125,43 @@ pub fn screened_poisson(
     Ok(PoissonSurface { mesh, density: vertex_density, depth, cell, noise: domain.noise, screening, trimmed_faces })
 }
 
-fn automatic_screening(noise_per_cell: f64) -> f64 {
-    let (low, high) = AUTOMATIC_SCREENING;
-    (SCREENING_TIMES_VARIANCE / noise_per_cell.powi(2)).clamp(low, high)
+/// The function at one choice of depth.
+struct Solved<'a> {
+    input: Weighted<'a>,
+    density: Density,
+    field: Field,
+    isovalue: f64,
+    depth: u32,
+    screening: f64,
+}
+
+impl Solved<'_> {
+    /// Mean distance of the samples from the surface over what their noise alone makes (σ√(2/π)).
+    fn misfit_per_noise(&self, domain: &Domain) -> f64 {
+        let expected = domain.noise * (2.0 / std::f64::consts::PI).sqrt();
+        self.field.misfit(&self.input, self.isovalue) * domain.edge / expected
+    }
+}
+
+fn solve_at<'a>(
+    samples: &'a Samples,
+    domain: &Domain,
+    wanted: u32,
+    least_screening: f64,
+    params: &PoissonParams,
+) -> Solved<'a> {
+    let density = Density::new(samples, wanted);
+    let input = weighted(samples, &density, wanted, params.samples_per_node);
+    let depth = filled_depth(&input, wanted);
+    let screening =
+        params.screening.unwrap_or_else(|| automatic_screening(domain.noise / domain.cell(depth), least_screening));
+    let field = Field::new(solve::solve(&input, depth, |_| screening, params.boundary, solve::TOLERANCE));
+    let isovalue = field.isovalue(&input);
+    Solved { input, density, field, isovalue, depth, screening }
+}
+
+fn automatic_screening(noise_per_cell: f64, least: f64) -> f64 {
+    (SCREENING_TIMES_VARIANCE / noise_per_cell.powi(2)).clamp(least, AUTOMATIC_SCREENING.1)
 }
 
 /// The deepest depth, at most `depth`, that enough samples are dense enough for.

@@ -5,8 +5,8 @@ use super::octree::Samples;
 /// Samples after each in octree order that are compared with it: most are its neighbours.
 const PAIRS: usize = 4;
 
-/// Pairs are compared up to this many spacings apart …
-const REACH: f64 = 2.5;
+/// Pairs are compared up to this many spacings apart, and once the noise is known, that many of its deviations further …
+const REACH: (f64, f64) = (2.5, 5.0);
 
 /// … and if their normals agree to this cosine: not across edges and thin walls.
 const AGREEMENT: f64 = 0.7;
@@ -22,6 +22,12 @@ const MEDIAN_OF_NORMAL: f64 = 0.674_489_75;
 ///
 /// * `spacing` – of each sample, unit cube; 0 if no pair is near enough
 pub(super) fn deviation(samples: &Samples, spacing: f64) -> f64 {
+    let near = deviation_within(samples, REACH.0 * spacing);
+    // Noise drives neighbours apart: near pairs alone would speak too well of it.
+    deviation_within(samples, REACH.0 * spacing + REACH.1 * near)
+}
+
+fn deviation_within(samples: &Samples, reach: f64) -> f64 {
     let mut residuals = Vec::with_capacity(PAIRS * samples.len());
     for i in 0..samples.len() {
         let (p, n) = (samples.position[i], samples.normal(i).map(f64::from));
@@ -30,7 +36,7 @@ pub(super) fn deviation(samples: &Samples, spacing: f64) -> f64 {
             let step: [f64; 3] = std::array::from_fn(|k| q[k] - p[k]);
             let sum: [f64; 3] = std::array::from_fn(|k| n[k] + m[k]);
             let (distance, cosine) = (dot(step, step).sqrt(), dot(n, m));
-            if distance > 0.0 && distance < REACH * spacing && cosine > AGREEMENT {
+            if distance > 0.0 && distance < reach && cosine > AGREEMENT {
                 residuals.push((dot(step, sum) / dot(sum, sum).sqrt()).abs());
             }
         }

@@ -22,13 +22,13 @@ pub struct PoissonParams {
     /// Depth of the octree: the finest cells are (domain edge)/2^depth. Larger keeps finer detail and more noise, at about four times the cost a step;
     /// depths that less than a hundredth of the samples are dense enough for are left out. `None` (default) chooses from spacing and noise, at most 10.
     pub depth: Option<u32>,
-    /// Finest cell over the median spacing of the samples, used when `depth` is `None`. Larger is smoother and cheaper. `None` (default) is 1 for samples
-    /// free of noise and more the noisier they are.
+    /// Finest cell over the median spacing of the samples, used when `depth` is `None`. Larger is smoother and cheaper. `None` (default) is 0.85 for
+    /// samples with little noise; others are tried with 1.2 first, or more for noise beyond half the spacing, and stay with it if noise explains their misfit.
     pub cell_per_spacing: Option<f64>,
     /// Standard deviation of the samples along their normals, metres. `None` (default) reads it from neighbours that disagree.
     pub noise: Option<f64>,
     /// Weight of passing through the samples against matching their normals (α of the paper, scale-free). Larger follows the samples, noise
-    /// included; 0 is unscreened Poisson. `None` (default) follows the noise: between 1.5 and 32.
+    /// included; 0 is unscreened Poisson. `None` (default) follows the noise: between 1 and 32.
     pub screening: Option<f64>,
     /// Samples that a cell must hold before it is refined further. Larger smooths more where samples are sparse: 1–5 for clean, up to 20 for noisy ones.
     pub samples_per_node: f64,
