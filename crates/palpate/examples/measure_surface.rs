@@ -89,7 +89,8 @@ fn main() -> Result<(), Box<dyn Error>> {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(args.threads).build()?;
     let cloud = read_cloud(&args.cloud)?;
     let before = memory("VmRSS");
-    let (mut cpu, mut wall, mut made) = (Vec::new(), Vec::new(), (TriangleMesh::default(), None));
+    let (mut cpu, mut wall, mut made): (Vec<f64>, Vec<f64>, Made) =
+        (Vec::new(), Vec::new(), (TriangleMesh::default(), None));
     for _ in 0..args.repeats {
         let (cpu_start, start) = (cpu_seconds(), Instant::now());
         made = pool.install(|| mesh(&cloud, &args).map_err(|e| e.to_string()))?;

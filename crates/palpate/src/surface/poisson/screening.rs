@@ -87,7 +87,9 @@ impl Screening {
             let square = |entry: &u32| self.pulls[*entry as usize / 8].hats[*entry as usize % 8].powi(2);
             diagonal[at] += entries.iter().map(square).sum::<f32>();
         }
-        diagonal.iter_mut().for_each(|d| *d = 1.0 / *d);
+        for d in &mut diagonal {
+            *d = 1.0 / *d;
+        }
         diagonal
     }
 

@@ -2,7 +2,7 @@
 
 use super::params::Boundary;
 use super::screening::Screening;
-use super::system::{Extent, Level, Weighted};
+use super::system::{Extent, Level, Weighted, negate};
 use rayon::prelude::*;
 
 /// Coarsest depth solved.
@@ -79,9 +79,9 @@ fn conjugate_gradients(level: &Level, screening: &Screening, mut residual: Vec<f
         let pull = screening.pull(&direction, 0.0);
         let curvature = unknowns.stiffness(&direction, &mut applied, |part, first| {
             // A pull is against the function.
-            part.iter_mut().for_each(|a| *a = -*a);
+            negate(part);
             screening.add(part, first, &pull);
-            part.iter_mut().for_each(|a| *a = -*a);
+            negate(part);
         });
         if curvature <= 0.0 {
             break;

@@ -148,7 +148,7 @@ impl Level {
         let pull = screening.pull(&self.values, 0.5);
         let mut residual = vec![0.0; self.unknowns.len()];
         self.unknowns.stiffness(&self.values, &mut residual, |part, first| {
-            part.iter_mut().for_each(|r| *r = -*r);
+            negate(part);
             screening.add(part, first, &pull);
         });
         for (first, node, len) in self.unknowns.spans() {
@@ -335,6 +335,12 @@ fn prolonged<T: Copy + Default + Send + Sync>(
         }
     });
     out
+}
+
+pub(super) fn negate(values: &mut [f32]) {
+    for v in values {
+        *v = -*v;
+    }
 }
 
 /// Index in `all` of each of `some`; both sorted.
