@@ -47,6 +47,8 @@ enum Command {
     Compare(commands::compare::Args),
     /// Ray-cast a picture of meshes or scenes
     Render(commands::render::Args),
+    /// Clean up a mesh: repair, drop pieces, fill holes, smooth, decimate
+    Mesh(commands::mesh::Args),
     /// Is a mesh closed, manifold, oriented; volume, area, inertia
     Inspect(commands::inspect::Args),
     /// Run every scene, touch count and method; tables and plots
@@ -89,6 +91,7 @@ impl Args {
             Command::Decode(args) => commands::decode::run(args),
             Command::Compare(args) => commands::compare::run(args),
             Command::Render(args) => commands::render::run(args),
+            Command::Mesh(args) => commands::mesh::run(args),
             Command::Inspect(args) => commands::inspect::run(args),
             Command::Benchmark(args) => commands::benchmark::run(args),
             #[cfg(feature = "nn")]

@@ -21,13 +21,51 @@ pub fn pieces(mesh: &TriangleMesh) -> Vec<usize> {
     (0..mesh.faces.len() as u32).map(|f| label(sets.find(f) as usize)).collect()
 }
 
-/// The mesh without the pieces that have less than `share` of its whole area, and without unused vertices.
-pub fn drop_small_pieces(mesh: &TriangleMesh, share: f64) -> TriangleMesh {
+/// For each face whether it belongs to the piece with the largest area (the first of equal ones).
+pub(crate) fn in_largest_piece(mesh: &TriangleMesh) -> Vec<bool> {
     let piece = pieces(mesh);
+    let area = piece_areas(mesh, &piece);
+    let largest = (0..area.len()).max_by(|&a, &b| area[a].total_cmp(&area[b]).then(b.cmp(&a)));
+    piece.iter().map(|&p| Some(p) == largest).collect()
+}
+
+/// The mesh's piece with the largest area alone, without unused vertices.
+pub fn largest_piece(mesh: &TriangleMesh) -> TriangleMesh {
+    let kept = in_largest_piece(mesh);
+    let faces = mesh.faces.iter().zip(kept).filter(|(_, kept)| *kept).map(|(f, _)| *f).collect();
+    without_unused_vertices(&TriangleMesh { faces, ..mesh.clone() }).0
+}
+
+/// The mesh with the vertices that faces use, in their order, and the old index of each.
+pub fn without_unused_vertices(mesh: &TriangleMesh) -> (TriangleMesh, Vec<u32>) {
+    let mut new_index = vec![u32::MAX; mesh.vertices.len()];
+    for &v in mesh.faces.iter().flatten() {
+        new_index[v as usize] = 0;
+    }
+    let kept: Vec<u32> = (0..mesh.vertices.len() as u32).filter(|&v| new_index[v as usize] == 0).collect();
+    for (new, &old) in kept.iter().enumerate() {
+        new_index[old as usize] = new as u32;
+    }
+    let clean = TriangleMesh {
+        vertices: kept.iter().map(|&v| mesh.vertices[v as usize]).collect(),
+        faces: mesh.faces.iter().map(|f| f.map(|v| new_index[v as usize])).collect(),
+        colors: mesh.colors.as_ref().map(|c| kept.iter().map(|&v| c[v as usize]).collect()),
+    };
+    (clean, kept)
+}
+
+fn piece_areas(mesh: &TriangleMesh, piece: &[usize]) -> Vec<f64> {
     let mut area = vec![0.0; piece.iter().max().map_or(0, |m| m + 1)];
     for (face, &piece) in piece.iter().enumerate() {
         area[piece] += 0.5 * mesh.area_vector(face).norm();
     }
+    area
+}
+
+/// The mesh without the pieces that have less than `share` of its whole area, and without unused vertices.
+pub fn drop_small_pieces(mesh: &TriangleMesh, share: f64) -> TriangleMesh {
+    let piece = pieces(mesh);
+    let area = piece_areas(mesh, &piece);
     let least = share * area.iter().sum::<f64>();
     let mut corners = Vec::new();
     let kept = (0..mesh.faces.len()).filter(|&f| area[piece[f]] >= least);
@@ -116,5 +154,7 @@ mod tests {
         assert_eq!((kept.faces.len(), kept.vertices.len()), (4, 4));
         assert!((kept.volume() - 1.0 / 6.0).abs() < 1e-12);
         assert_eq!(drop_small_pieces(&mesh, 0.0).faces.len(), 8);
+        assert_eq!(largest_piece(&mesh), kept);
+        assert_eq!(without_unused_vertices(&mesh).1, [0, 1, 2, 3, 4, 5, 6]);
     }
 }

@@ -15,4 +15,4 @@ pub use implicit::{
     implicit_surface, solve_implicit,
 };
 pub use isosurface::{LATTICE_LIMIT, crossing_cells, extract_isosurface};
-pub use poisson::{PoissonParams, PoissonSurface, screened_poisson};
+pub use poisson::{Boundary, PoissonParams, PoissonSurface, screened_poisson};

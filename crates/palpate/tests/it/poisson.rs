@@ -1,7 +1,7 @@
-//! Screened Poisson makes a closed manifold of any cloud with normals.
+//! Screened Poisson makes a closed manifold of any cloud with normals: `PALPATE_CASES=5000 cargo test -p palpate --test it poisson` tries more.
 
 use palpate::geometry::{Point, PointCloud, Topology, Vector};
-use palpate::surface::{PoissonParams, SurfaceError, screened_poisson};
+use palpate::surface::{Boundary, PoissonParams, SurfaceError, screened_poisson};
 use proptest::prelude::*;
 
 /// Positions that often coincide, line up or fall on lattice planes, with normals in any direction.
@@ -16,16 +16,23 @@ fn clouds() -> impl Strategy<Value = PointCloud> {
     })
 }
 
+/// 48 clouds, or as many as `PALPATE_CASES` says.
+fn cases() -> u32 {
+    std::env::var("PALPATE_CASES").ok().and_then(|n| n.parse().ok()).unwrap_or(48)
+}
+
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 48, failure_persistence: None, ..ProptestConfig::default() })]
+    #![proptest_config(ProptestConfig { cases: cases(), failure_persistence: None, ..ProptestConfig::default() })]
 
     #[test]
     fn random_clouds_give_closed_manifolds(
         cloud in clouds(),
         depth in prop_oneof![Just(None), (2_u32..=7).prop_map(Some)],
-        screening in 0.0..20.0,
+        neumann in any::<bool>(),
+        screening in prop_oneof![Just(None), (0.0..20.0).prop_map(Some)],
     ) {
-        let params = PoissonParams { depth, screening, ..PoissonParams::default() };
+        let boundary = if neumann { Boundary::Neumann } else { Boundary::Dirichlet };
+        let params = PoissonParams { depth, screening, boundary, ..PoissonParams::default() };
         match screened_poisson(&cloud, None, &params) {
             Ok(surface) => {
                 let topology = Topology::of(&surface.mesh);

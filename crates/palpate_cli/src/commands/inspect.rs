@@ -1,5 +1,5 @@
 use crate::Outcome;
-use palpate::geometry::{MassProperties, Topology, TriangleMesh, self_intersections};
+use palpate::geometry::{MassProperties, Topology, TriangleMesh, self_intersections, worst_aspect_ratio};
 use palpate::io::read_mesh;
 use serde::Serialize;
 use std::path::PathBuf;
@@ -25,6 +25,8 @@ struct Inspection {
     watertight: bool,
     genus: Option<usize>,
     self_intersecting_pairs: usize,
+    /// Longest side over the height on it, 1 for equal sides; absent if a face lies on a line.
+    worst_aspect_ratio: Option<f64>,
     bounds_min: Option<[f64; 3]>,
     bounds_max: Option<[f64; 3]>,
     area_m2: f64,
@@ -50,6 +52,7 @@ impl Inspection {
             watertight,
             genus: topology.genus(),
             self_intersecting_pairs: self_intersections(mesh).len(),
+            worst_aspect_ratio: Some(worst_aspect_ratio(mesh)).filter(|r| r.is_finite()),
             bounds_min: bounds.map(|b| b.min.into()),
             bounds_max: bounds.map(|b| b.max.into()),
             area_m2: mass.area,
@@ -86,6 +89,10 @@ impl Inspection {
         println!("watertight             {}", yes(self.watertight));
         println!("genus                  {}", self.genus.map_or("not defined".into(), |g| g.to_string()));
         println!("crossing face pairs    {}", self.self_intersecting_pairs);
+        println!(
+            "worst aspect ratio     {}",
+            self.worst_aspect_ratio.map_or("infinite".into(), |r| format!("{r:.1} (1: equal sides)"))
+        );
         if let (Some(a), Some(b)) = (self.bounds_min, self.bounds_max) {
             let mm = |i: usize| 1e3 * (b[i] - a[i]);
             println!("size                   {:.3} × {:.3} × {:.3} mm", mm(0), mm(1), mm(2));

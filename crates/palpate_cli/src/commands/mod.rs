@@ -11,6 +11,7 @@ pub(crate) mod decode;
 pub(crate) mod import;
 pub(crate) mod init;
 pub(crate) mod inspect;
+pub(crate) mod mesh;
 pub(crate) mod presses;
 pub(crate) mod reconstruct;
 pub(crate) mod register;

@@ -1,9 +1,10 @@
+use super::mesh::{CleanUp, report};
 use crate::Outcome;
 use anyhow::Context as _;
-use palpate::geometry::Topology;
+use palpate::geometry::{PointCloud, TriangleMesh};
 use palpate::io::{read_cloud, write_mesh};
 use palpate::surface::{
-    BallPivotingParams, ImplicitParams, PoissonParams, ball_pivoting, fill_holes, implicit_surface, screened_poisson,
+    BallPivotingParams, Boundary, ImplicitParams, PoissonParams, ball_pivoting, implicit_surface, screened_poisson,
 };
 use std::path::PathBuf;
 
@@ -17,15 +18,12 @@ pub(crate) struct Args {
     /// How to mesh
     #[arg(long, value_enum)]
     method: Method,
-    /// Octree depth of Poisson; larger is finer; default: cells a little larger than the spacing of the points
-    #[arg(long, value_name = "D", conflicts_with = "radius")]
-    depth: Option<u32>,
-    /// Ball radii, metres, any number; default 1.5, 2.5, 4 and 6 times the spacing of the points
-    #[arg(long, value_name = "R", num_args = 1..)]
-    radius: Vec<f64>,
-    /// Close the holes that the balls leave
-    #[arg(long)]
-    fill_holes: bool,
+    #[command(flatten)]
+    poisson: PoissonArgs,
+    #[command(flatten)]
+    balls: BallArgs,
+    #[command(flatten)]
+    clean_up: CleanUp,
 }
 
 #[derive(Clone, Copy, PartialEq, clap::ValueEnum)]
@@ -38,35 +36,81 @@ enum Method {
     Implicit,
 }
 
+#[derive(clap::Args)]
+#[command(next_help_heading = "Poisson")]
+struct PoissonArgs {
+    /// Octree depth; larger is finer; default: from the spacing and the noise of the points
+    #[arg(long, value_name = "D", conflicts_with_all = ["radius", "project"])]
+    depth: Option<u32>,
+    /// Standard deviation of the points along their normals, metres; default: read from the points
+    #[arg(long, value_name = "SIGMA")]
+    noise: Option<f64>,
+    /// Weight of the points against their normals; default: from the noise
+    #[arg(long, value_name = "ALPHA")]
+    screening: Option<f64>,
+    /// Let an open surface run on to the border of its domain, where it is capped, instead of closing it before
+    #[arg(long)]
+    neumann: bool,
+    /// Cut away what lies where the points are sparser than this share of their usual density; opens the mesh
+    #[arg(long, value_name = "SHARE")]
+    trim: Option<f64>,
+}
+
+#[derive(clap::Args)]
+#[command(next_help_heading = "Ball pivoting")]
+struct BallArgs {
+    /// Ball radii, metres, any number; default 1.5, 2.5, 4 and 6 times the spacing of the points
+    #[arg(long, value_name = "R", num_args = 1..)]
+    radius: Vec<f64>,
+    /// Rounds of moving the points onto the surface of their neighbours first, for noise near the spacing
+    #[arg(long, value_name = "ROUNDS", default_value_t = 0, hide_default_value = true)]
+    project: u32,
+}
+
+impl Args {
+    fn mesh(&self, cloud: &PointCloud) -> anyhow::Result<TriangleMesh> {
+        Ok(match self.method {
+            Method::BallPivoting => {
+                let radii = (!self.balls.radius.is_empty()).then(|| self.balls.radius.clone());
+                let params = BallPivotingParams { radii, project: self.balls.project, ..Default::default() };
+                ball_pivoting(cloud, &params)?
+            }
+            Method::Poisson => self.poisson(cloud)?,
+            Method::Implicit => implicit_surface(cloud, &ImplicitParams::default())?,
+        })
+    }
+
+    fn poisson(&self, cloud: &PointCloud) -> anyhow::Result<TriangleMesh> {
+        let flags = &self.poisson;
+        let params = PoissonParams {
+            depth: flags.depth,
+            noise: flags.noise,
+            screening: flags.screening,
+            boundary: if flags.neumann { Boundary::Neumann } else { Boundary::Dirichlet },
+            trim: flags.trim.unwrap_or(0.0),
+            ..Default::default()
+        };
+        let surface = screened_poisson(cloud, None, &params)?;
+        eprintln!(
+            "poisson: depth {}, cells of {:.3} mm, noise {:.3} mm, screening {:.1}",
+            surface.depth,
+            1e3 * surface.cell,
+            1e3 * surface.noise,
+            surface.screening
+        );
+        if surface.trimmed_faces > 0 {
+            eprintln!("poisson: {} faces trimmed away: the mesh is open", surface.trimmed_faces);
+        }
+        Ok(surface.mesh)
+    }
+}
+
 pub(crate) fn run(args: Args) -> anyhow::Result<Outcome> {
     let cloud = read_cloud(&args.cloud)?;
-    let meshing = || format!("meshing {}", args.cloud.display());
-    let mut mesh = match args.method {
-        Method::BallPivoting => {
-            let radii = (!args.radius.is_empty()).then(|| args.radius.clone());
-            ball_pivoting(&cloud, &BallPivotingParams { radii, ..Default::default() }).with_context(meshing)?
-        }
-        Method::Poisson => {
-            let params = PoissonParams { depth: args.depth, ..Default::default() };
-            screened_poisson(&cloud, None, &params).with_context(meshing)?.mesh
-        }
-        Method::Implicit => implicit_surface(&cloud, &ImplicitParams::default()).with_context(meshing)?,
-    };
-    if args.fill_holes {
-        mesh = fill_holes(&mesh);
-    }
-    let topology = Topology::of(&mesh);
+    let mesh = args.mesh(&cloud).with_context(|| format!("meshing {}", args.cloud.display()))?;
+    let mesh = args.clean_up.apply(mesh);
+    anyhow::ensure!(!mesh.is_empty(), "{}: no face is left", args.cloud.display());
     write_mesh(&args.output, &mesh)?;
-    eprintln!(
-        "{}: {} vertices, {} faces, {}",
-        args.output.display(),
-        mesh.vertices.len(),
-        mesh.faces.len(),
-        if topology.is_watertight() {
-            "watertight".to_owned()
-        } else {
-            format!("open: {} boundary edges in {} holes", topology.boundary_edges, topology.boundary_loops)
-        }
-    );
+    report(&args.output, &mesh);
     Ok(Outcome::Done)
 }

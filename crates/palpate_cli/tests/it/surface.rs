@@ -93,3 +93,23 @@ fn bad_input_is_told_and_fails() {
     assert_eq!(status, 2);
     assert!(!folder.path().join("mesh.ply").exists());
 }
+
+#[test]
+fn a_mesh_is_cleaned_up_and_a_trimmed_one_is_said_to_be_open() {
+    let folder = tempfile::tempdir().expect("a folder");
+    write_sphere(&folder.path().join("sphere.ply"), 2000, true);
+    let surface = ["surface", "sphere.ply", "-o", "mesh.ply", "--method", "poisson"];
+    let (status, _, errors) = palpate(folder.path(), &surface);
+    assert!(status == 0 && errors.contains("cells of") && errors.contains("watertight"), "{errors}");
+    let tools = ["--repair", "--largest", "--smooth", "2", "--decimate", "500"];
+    let (status, _, errors) =
+        palpate(folder.path(), &[&["mesh", "mesh.ply", "-o", "small.ply"], tools.as_slice()].concat());
+    assert!(status == 0 && errors.contains("500 faces, watertight") && errors.contains("repaired: 0"), "{errors}");
+    let (_, json, _) = palpate(folder.path(), &["inspect", "small.ply", "--json"]);
+    let found: serde_json::Value = serde_json::from_str(&json).expect("one JSON object");
+    assert!(found["worst_aspect_ratio"].as_f64().is_some_and(|r| r >= 1.0), "{found}");
+    let (status, _, errors) = palpate(folder.path(), &[surface.as_slice(), &["--trim", "1"]].concat());
+    assert!(status == 0 && errors.contains("the mesh is open") && errors.contains("open: "), "{errors}");
+    let (status, ..) = palpate(folder.path(), &["mesh", "mesh.ply", "-o", "x.ply", "--drop-small", "2"]);
+    assert!(status == 2 && !folder.path().join("x.ply").exists());
+}

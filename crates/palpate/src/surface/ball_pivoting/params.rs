@@ -13,6 +13,9 @@ pub struct BallPivotingParams {
     /// Of points closer together than this only the first is used, metres; larger thins more. Default: a tenth of the smallest
     /// radius, so that near-duplicates do not become slivers.
     pub merge_distance: Option<f64>,
+    /// Rounds of moving the points onto the smooth surface of their neighbours before meshing; 1 to 3 where noise is near the spacing, and balls make
+    /// islands of it. 0 (default): the mesh goes through the points as they are.
+    pub project: u32,
     /// Whether every hole is closed afterwards, the border of a surface that is open by nature included. Off: the balls' work as it is.
     pub fill_holes: bool,
     /// Pieces with less than this share of the whole area are dropped, before holes are filled; larger drops more. Default 0: none.
@@ -21,7 +24,7 @@ pub struct BallPivotingParams {
 
 impl Default for BallPivotingParams {
     fn default() -> Self {
-        Self { radii: None, merge_distance: None, fill_holes: false, min_piece_share: 0.0 }
+        Self { radii: None, merge_distance: None, project: 0, fill_holes: false, min_piece_share: 0.0 }
     }
 }
 
@@ -44,6 +47,7 @@ impl BallPivotingParams {
             Some(d) if !(d.is_finite() && d >= 0.0) => {
                 invalid("merge_distance", d.to_string(), "must be zero or more and finite, metres")
             }
+            _ if self.project > 100 => invalid("project", self.project.to_string(), "must be at most 100"),
             _ if !(0.0..=1.0).contains(&self.min_piece_share) => {
                 invalid("min_piece_share", self.min_piece_share.to_string(), "must lie in 0..=1")
             }

@@ -1,7 +1,7 @@
 use super::BallPivotingParams;
 use super::front::Front;
 use super::grid::Grid;
-use super::prepare::{checked_normals, distinct, jittered, median_spacing, thinned};
+use super::prepare::{checked_normals, distinct, jittered, median_spacing, projected, thinned};
 use crate::geometry::{Aabb, KdTree, Point, PointCloud, TriangleMesh, Vector, drop_small_pieces, split_fans};
 use crate::surface::{SurfaceError, fill_holes};
 use std::collections::VecDeque;
@@ -32,12 +32,16 @@ const SEED_NEIGHBORS: usize = 24;
 /// where no three points admit a ball (all on one line, say).
 pub fn ball_pivoting(cloud: &PointCloud, params: &BallPivotingParams) -> Result<TriangleMesh, SurfaceError> {
     params.validate()?;
-    let normals = checked_normals(cloud)?;
-    let mut kept = distinct(&cloud.points);
+    let mut normals = checked_normals(cloud)?;
+    let mut place = cloud.points.clone();
+    for _ in 0..params.project {
+        (place, normals) = projected(&place, &normals);
+    }
+    let mut kept = distinct(&place);
     if kept.len() < 3 {
         return Err(SurfaceError::TooFewPoints { found: kept.len(), needed: 3 });
     }
-    let positions = |kept: &[usize]| kept.iter().map(|&i| cloud.points[i]).collect::<Vec<_>>();
+    let positions = |kept: &[usize]| kept.iter().map(|&i| place[i]).collect::<Vec<_>>();
     let radii =
         params.radii.as_ref().map_or_else(|| chosen_radii(&positions(&kept), params.fill_holes), |r| ascending(r));
     let merge_distance = params.merge_distance.unwrap_or(MERGE_SHARE * radii[0]);

@@ -6,7 +6,8 @@
 /// Entries of the stiffness stencil ∫∇B_i·∇B_j: i = j, a neighbour along an edge diagonal, along a space diagonal (face neighbours cancel).
 pub(super) const STIFFNESS: [f64; 3] = [8.0 / 3.0, -1.0 / 6.0, -1.0 / 12.0];
 
-const MASS: [f64; 3] = [1.0 / 6.0, 4.0 / 6.0, 1.0 / 6.0];
+/// ∫B_i B_j in one dimension.
+pub(super) const MASS: [f64; 3] = [1.0 / 6.0, 4.0 / 6.0, 1.0 / 6.0];
 const DERIVATIVE: [f64; 3] = [0.5, 0.0, -0.5];
 
 /// ∫∇B_i B_j for the 27 neighbours j of i, x fastest.

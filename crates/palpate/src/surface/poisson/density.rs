@@ -1,7 +1,7 @@
 //! How densely the surface is sampled: samples per unit area, read from splatted counts.
 
 use super::basis::{QUADRATIC_SELF, quadratic};
-use super::octree::{Cell, Lattice, Samples, cell_keys, grown, locate};
+use super::octree::{Lattice, Samples, cell_keys, grown, locate};
 use rayon::prelude::*;
 
 /// Samples (or weight) that the kernel must see before a density is trusted; otherwise a coarser depth is asked.
@@ -63,9 +63,9 @@ impl Density {
 
 impl Splat {
     fn new(samples: &Samples, depth: u32) -> Self {
-        let size = 1_u64 << depth;
+        let last = (1_i16 << depth) - 1;
         let occupied = cell_keys(samples.cells(depth).into_iter().map(|(cell, _)| cell));
-        let cells = Lattice::new(size as usize, &grown(occupied, 0, size - 1));
+        let cells = Lattice::new(depth, &grown(occupied, 0..=last));
         let (mut count, mut weight) = (vec![0.0; cells.len()], vec![0.0; cells.len()]);
         for (&place, &w) in samples.position.iter().zip(&samples.weight) {
             for_kernel(&cells, depth, place, |i, b| {
@@ -90,17 +90,13 @@ impl Splat {
 fn for_kernel(cells: &Lattice, depth: u32, place: [f64; 3], mut f: impl FnMut(usize, f64)) {
     let (cell, inside) = locate(place, depth);
     let [bx, by, bz] = inside.map(quadratic);
-    let shifted =
-        |c: u16, step: usize| (c as usize + step).checked_sub(1).filter(|&c| c < cells.size).map(|c| c as u16);
-    for (z, wz) in bz.iter().enumerate() {
-        for (y, wy) in by.iter().enumerate() {
-            let (Some(cy), Some(cz)) = (shifted(cell[1], y), shifted(cell[2], z)) else { continue };
-            for (x, wx) in bx.iter().enumerate() {
-                let Some(cx) = shifted(cell[0], x) else { continue };
-                let node: Cell = [cx, cy, cz];
-                if let Some(i) = cells.find(node) {
-                    f(i, wx * wy * wz);
-                }
+    for (dz, wz) in (-1..=1).zip(bz) {
+        for (dy, wy) in (-1..=1).zip(by) {
+            // There are rows just outside the domain, and they are empty.
+            let row = cells.row(cell[1] + dy, cell[2] + dz);
+            let first = row.start + cells.nodes[row.clone()].partition_point(|n| n[0] < cell[0] - 1);
+            for (i, node) in cells.nodes[first..row.end].iter().enumerate().take_while(|(_, n)| n[0] <= cell[0] + 1) {
+                f(first + i, bx[(node[0] - cell[0] + 1) as usize] * wy * wz);
             }
         }
     }

@@ -1,7 +1,7 @@
 //! The isosurface of the solution on the finest lattice, near the samples.
 
 use super::basis::hats;
-use super::octree::{Cell, Samples, locate};
+use super::octree::{Cell, Samples, corner, locate};
 use super::system::{Level, Weighted};
 use crate::geometry::{Point, TriangleMesh, Vector};
 use crate::surface::isosurface::{crossing_cells, extract_isosurface};
@@ -29,18 +29,48 @@ impl Field {
     pub(super) fn at(&self, place: [f64; 3]) -> f64 {
         for level in self.levels.iter().rev() {
             let (cell, inside) = locate(place, level.depth);
-            if let Some(corners) = level.lattice.corners(cell) {
-                return hats(inside).iter().zip(corners).map(|(b, c)| b * level.values[c]).sum();
+            if let Some(rows) = level.lattice.corner_rows(cell) {
+                let value = |c: usize| f64::from(level.values[corner(&rows, c)]);
+                return hats(inside).iter().enumerate().map(|(c, b)| b * value(c)).sum();
             }
         }
         0.0
+    }
+
+    /// Mean distance of the samples from the surface along the function's slope, each weighing its area, unit cube; at most two cells count.
+    pub(super) fn misfit(&self, input: &Weighted, isovalue: f64) -> f64 {
+        let limit = 2.0 / f64::from(1_u32 << self.depth());
+        let place = |&p: &[f64; 3]| self.distance(p, isovalue).min(limit);
+        let distances: Vec<f64> = input.samples.position.par_iter().map(place).collect();
+        let weighted: f64 = distances.iter().zip(&input.area).map(|(d, a)| d * a).sum();
+        weighted / input.area.iter().sum::<f64>()
+    }
+
+    /// Distance of a place from the surface to first order.
+    fn distance(&self, place: [f64; 3], isovalue: f64) -> f64 {
+        for level in self.levels.iter().rev() {
+            let (cell, inside) = locate(place, level.depth);
+            let Some(rows) = level.lattice.corner_rows(cell) else { continue };
+            let values: [f64; 8] = std::array::from_fn(|c| f64::from(level.values[corner(&rows, c)]));
+            let interpolate = |at: [f64; 3]| -> f64 { hats(at).iter().zip(values).map(|(b, v)| b * v).sum() };
+            let cells = f64::from(1_u32 << level.depth);
+            // Linear along each axis: the slope is the difference of the two sides.
+            let slope: f64 = (0..3)
+                .map(|axis| {
+                    let side = |t: f64| interpolate(std::array::from_fn(|k| if k == axis { t } else { inside[k] }));
+                    ((side(1.0) - side(0.0)) * cells).powi(2)
+                })
+                .sum();
+            return (interpolate(inside) - isovalue).abs() / slope.sqrt();
+        }
+        f64::INFINITY
     }
 
     /// The function at a node of the finest lattice.
     fn at_node(&self, node: Cell) -> f64 {
         let Some(finest) = self.levels.last() else { return 0.0 };
         if let Some(i) = finest.lattice.find(node) {
-            finest.values[i]
+            f64::from(finest.values[i])
         } else {
             let n = f64::from(1_u32 << finest.depth);
             self.at(node.map(|c| f64::from(c) / n))
@@ -62,7 +92,7 @@ impl Field {
     pub(super) fn extract(&self, samples: &Samples, isovalue: f64, origin: Point, edge: f64) -> TriangleMesh {
         let size = 1_i32 << self.depth();
         let value = |c: [i32; 3]| {
-            if c.iter().any(|&i| i <= 0 || i >= size) { 1.0 } else { isovalue - self.at_node(c.map(|i| i as u16)) }
+            if c.iter().any(|&i| i <= 0 || i >= size) { 1.0 } else { isovalue - self.at_node(c.map(|i| i as i16)) }
         };
         let step = edge / f64::from(size);
         let position = |c: [i32; 3]| origin + Vector::new(c[0].into(), c[1].into(), c[2].into()) * step;
@@ -76,9 +106,9 @@ impl Field {
         let inside = |p: [f64; 3]| self.at(p) > isovalue;
         let n = f64::from(1_u32 << depth);
         let walk = |(_, range): &(Cell, std::ops::Range<usize>)| {
-            let (start, normal) = (samples.position[range.start], samples.normal[range.start]);
+            let (start, normal) = (samples.position[range.start], samples.normal(range.start));
             let start_inside = inside(start);
-            let step = normal * (if start_inside { 0.5 } else { -0.5 } / n);
+            let step = normal.map(|c| f64::from(c) * (if start_inside { 0.5 } else { -0.5 } / n));
             let place = |k: i32| -> [f64; 3] { std::array::from_fn(|a| start[a] + f64::from(k) * step[a]) };
             let reached = (1..=16).find(|&k| inside(place(k)) != start_inside)?;
             Some([place(reached - 1), place(reached)].map(|p| locate(p, depth).0.map(i32::from)))

@@ -5,7 +5,7 @@
 
 use crate::geometry::{Point, PointCloud, Vector};
 use rayon::prelude::*;
-use std::ops::Range;
+use std::ops::{Range, RangeInclusive};
 
 /// Bits of an octree code along each axis.
 const CODE_BITS: u32 = 21;
@@ -15,7 +15,7 @@ pub(super) struct Samples {
     /// Positions in the unit cube.
     pub(super) position: Vec<[f64; 3]>,
     /// Unit outward normals.
-    pub(super) normal: Vec<Vector>,
+    normals: Vec<[f32; 3]>,
     /// Relative trust, mean 1.
     pub(super) weight: Vec<f64>,
     code: Vec<u64>,
@@ -38,7 +38,7 @@ impl Samples {
         let mean = total / chosen.len().max(1) as f64;
         Self {
             position: order.iter().map(|&(_, i)| unit(i)).collect(),
-            normal: order.iter().map(|&(_, i)| normals[i as usize].normalize()).collect(),
+            normals: order.iter().map(|&(_, i)| normals[i as usize].normalize().cast::<f32>().into()).collect(),
             weight: order.iter().map(|&(_, i)| weights.map_or(1.0, |w| w[i as usize] / mean)).collect(),
             code: order.iter().map(|&(c, _)| c).collect(),
         }
@@ -46,6 +46,12 @@ impl Samples {
 
     pub(super) fn len(&self) -> usize {
         self.code.len()
+    }
+
+    /// Unit outward normal.
+    #[inline]
+    pub(super) fn normal(&self, sample: usize) -> [f32; 3] {
+        self.normals[sample]
     }
 
     /// Samples in different places (to one part in two million of the domain).
@@ -74,8 +80,8 @@ impl Samples {
     }
 }
 
-/// Coordinates of a lattice node or of the cell above it.
-pub(super) type Cell = [u16; 3];
+/// Coordinates of a lattice node or of the cell above it; nodes just outside the domain have −1.
+pub(super) type Cell = [i16; 3];
 
 /// The cell of a depth that holds a place of the unit cube, and where in the cell it is (0 to 1 along each axis).
 #[inline]
@@ -83,7 +89,7 @@ pub(super) fn locate(place: [f64; 3], depth: u32) -> (Cell, [f64; 3]) {
     let n = (1_u32 << depth) as f64;
     let scaled = place.map(|c| c * n);
     let cell = scaled.map(|c| c.floor().clamp(0.0, n - 1.0));
-    (cell.map(|c| c as u16), [scaled[0] - cell[0], scaled[1] - cell[1], scaled[2] - cell[2]])
+    (cell.map(|c| c as i16), [scaled[0] - cell[0], scaled[1] - cell[1], scaled[2] - cell[2]])
 }
 
 fn code(place: [f64; 3]) -> u64 {
@@ -103,50 +109,70 @@ fn spread(x: u64) -> u64 {
 
 fn decode(code: u64) -> Cell {
     let gather = |x: u64| (0..CODE_BITS).fold(0, |sum, bit| sum | ((x >> (3 * bit)) & 1) << bit);
-    [gather(code) as u16, gather(code >> 1) as u16, gather(code >> 2) as u16]
+    [gather(code) as i16, gather(code >> 1) as i16, gather(code >> 2) as i16]
 }
 
-/// A set of nodes of an n × n × n lattice, sorted by (z, y, x).
+/// A set of nodes of a cubic lattice, sorted by (z, y, x).
 pub(super) struct Lattice {
-    /// Nodes along an axis.
-    pub(super) size: usize,
+    /// Cells along an axis: nodes run from 0 to this, or from −1 to one more.
+    pub(super) cells: i16,
     /// The nodes.
     pub(super) nodes: Vec<Cell>,
-    /// Start of each row z · size + y in `nodes`, and the end.
+    /// Start of each row in `nodes`, y faster than z, both from −1; and the end.
     rows: Vec<u32>,
 }
 
 impl Lattice {
     /// The lattice of the sorted, distinct keys.
-    pub(super) fn new(size: usize, keys: &[u64]) -> Self {
-        let nodes: Vec<Cell> = keys.iter().map(|&k| unpack(k)).collect();
-        let mut rows = vec![0_u32; size * size + 1];
+    pub(super) fn new(depth: u32, keys: &[u64]) -> Self {
+        let cells = 1_i16 << depth;
+        let side = Self::side_of(cells);
+        let nodes: Vec<Cell> = keys.par_iter().map(|&k| unpack(k)).collect();
+        let mut rows = vec![0_u32; side * side + 1];
         for n in &nodes {
-            rows[n[2] as usize * size + n[1] as usize + 1] += 1;
+            rows[(n[2] + 1) as usize * side + (n[1] + 1) as usize + 1] += 1;
         }
-        for r in 0..size * size {
+        for r in 0..side * side {
             rows[r + 1] += rows[r];
         }
-        Self { size, nodes, rows }
+        Self { cells, nodes, rows }
+    }
+
+    /// Rows along an axis, those just outside included.
+    fn side_of(cells: i16) -> usize {
+        cells as usize + 3
     }
 
     pub(super) fn len(&self) -> usize {
         self.nodes.len()
     }
 
+    /// Where the nodes of row (y, z) are; both from −1 to one more than the cells.
+    #[inline]
+    pub(super) fn row(&self, y: i16, z: i16) -> Range<usize> {
+        let row = (z + 1) as usize * Self::side_of(self.cells) + (y + 1) as usize;
+        self.rows[row] as usize..self.rows[row + 1] as usize
+    }
+
+    /// Where the nodes of slab z are.
+    pub(super) fn slab(&self, z: i16) -> Range<usize> {
+        let side = Self::side_of(self.cells);
+        let row = (z + 1) as usize * side;
+        self.rows[row] as usize..self.rows[row + side] as usize
+    }
+
     /// Index of a node.
     #[inline]
     pub(super) fn find(&self, [x, y, z]: Cell) -> Option<usize> {
-        let row = z as usize * self.size + y as usize;
-        let (start, end) = (self.rows[row] as usize, self.rows[row + 1] as usize);
-        let at = start + self.nodes[start..end].partition_point(|n| n[0] < x);
-        (at < end && self.nodes[at][0] == x).then_some(at)
+        let row = self.row(y, z);
+        let at = row.start + self.nodes[row.clone()].partition_point(|n| n[0] < x);
+        (at < row.end && self.nodes[at][0] == x).then_some(at)
     }
 
-    /// Indices of the eight corners (bits x, y, z) of a cell, if all are in the set.
+    /// Indices of the first of the two corners in each of a cell's four rows (bits y, z), if all eight are in the set.
     #[inline]
-    pub(super) fn corners(&self, [x, y, z]: Cell) -> Option<[usize; 8]> {
-        let mut corners = [0; 8];
+    pub(super) fn corner_rows(&self, [x, y, z]: Cell) -> Option<[u32; 4]> {
+        let mut corners = [0; 4];
         for (row, (dy, dz)) in [(0, 0), (1, 0), (0, 1), (1, 1)].into_iter().enumerate() {
             let first = self.find([x, y + dy, z + dz])?;
             // The next node along x, if present, is the next in memory.
@@ -154,49 +180,55 @@ impl Lattice {
             if *next != [x + 1, y + dy, z + dz] {
                 return None;
             }
-            corners[2 * row] = first;
-            corners[2 * row + 1] = first + 1;
+            corners[row] = first as u32;
         }
         Some(corners)
     }
 
-    /// For nodes whose 26 neighbours are all in the set: the index of the first node of each of their nine rows, y fastest.
-    pub(super) fn neighbour_rows(&self, of: &[u32]) -> Vec<[u32; 9]> {
-        of.par_iter()
-            .map(|&i| {
-                let [x, y, z] = self.nodes[i as usize];
-                std::array::from_fn(|r| {
-                    let node = [x - 1, y + r as u16 % 3 - 1, z + r as u16 / 3 - 1];
-                    self.find(node).expect("active nodes have all their neighbours") as u32
-                })
-            })
-            .collect()
+    /// Node indices and coordinates, cut into the slabs of equal z, for work on disjoint parts of `values`.
+    pub(super) fn slabs_mut<'a, T>(&self, mut values: &'a mut [T]) -> Vec<(i16, &'a mut [T])> {
+        let mut slabs = Vec::with_capacity(Self::side_of(self.cells));
+        for z in -1..=self.cells + 1 {
+            let (slab, rest) = values.split_at_mut(self.slab(z).len());
+            slabs.push((z, slab));
+            values = rest;
+        }
+        slabs
     }
+}
+
+/// Index of the corner with bits x, y, z among the rows of [`Lattice::corner_rows`].
+#[inline]
+pub(super) fn corner(rows: &[u32; 4], corner: usize) -> usize {
+    rows[corner >> 1] as usize + (corner & 1)
 }
 
 const FIELD: u32 = 20;
 const MASK: u64 = (1 << FIELD) - 1;
+/// Added to coordinates in keys, which are unsigned.
+const BIAS: i16 = 1;
 
 #[inline]
-fn pack([x, y, z]: [u64; 3]) -> u64 {
+fn pack(node: Cell) -> u64 {
+    let [x, y, z] = node.map(|c| (c + BIAS) as u64);
     z << (2 * FIELD) | y << FIELD | x
 }
 
 #[inline]
 fn unpack(key: u64) -> Cell {
-    [0, 1, 2].map(|axis| ((key >> (axis * FIELD)) & MASK) as u16)
+    [0, 1, 2].map(|axis| ((key >> (axis * FIELD)) & MASK) as i16 - BIAS)
 }
 
-/// Sorted keys of all nodes with coordinates from `low` to `high`.
-pub(super) fn all_keys(low: u64, high: u64) -> Vec<u64> {
-    let range = low..=high;
-    range.clone().flat_map(|z| range.clone().flat_map(move |y| (low..=high).map(move |x| pack([x, y, z])))).collect()
+/// Sorted keys of all nodes with coordinates in the range.
+pub(super) fn all_keys(range: RangeInclusive<i16>) -> Vec<u64> {
+    let (low, high) = (*range.start(), *range.end());
+    (low..=high).flat_map(|z| (low..=high).flat_map(move |y| (low..=high).map(move |x| pack([x, y, z])))).collect()
 }
 
 /// Sorted keys of the cells themselves.
 pub(super) fn cell_keys(cells: impl Iterator<Item = Cell>) -> Vec<u64> {
-    let mut keys: Vec<u64> = cells.map(|c| pack(c.map(u64::from))).collect();
-    keys.sort_unstable();
+    let mut keys: Vec<u64> = cells.map(pack).collect();
+    keys.par_sort_unstable();
     keys.dedup();
     keys
 }
@@ -204,42 +236,50 @@ pub(super) fn cell_keys(cells: impl Iterator<Item = Cell>) -> Vec<u64> {
 /// Sorted keys of the corners of the cells.
 pub(super) fn corner_keys(mut keys: Vec<u64>) -> Vec<u64> {
     for axis in 0..3 {
-        let shifted: Vec<u64> = keys.iter().map(|k| k + (1 << (axis * FIELD))).collect();
-        keys = union([&keys, &shifted]);
+        keys = merged(&keys, axis, &[0, 1], &(i16::MIN..=i16::MAX));
     }
     keys
 }
 
-/// The set grown by one node in every direction (diagonals included), kept within coordinates `low..=high`.
-pub(super) fn grown(mut keys: Vec<u64>, low: u64, high: u64) -> Vec<u64> {
+/// The set grown by one node in every direction (diagonals included), kept within the range of coordinates.
+pub(super) fn grown(mut keys: Vec<u64>, range: RangeInclusive<i16>) -> Vec<u64> {
     for axis in 0..3 {
-        let at = |k: u64| (k >> (axis * FIELD)) & MASK;
-        let step = 1 << (axis * FIELD);
-        let below: Vec<u64> = keys.iter().filter(|&&k| at(k) > low).map(|k| k - step).collect();
-        let above: Vec<u64> = keys.iter().filter(|&&k| at(k) < high).map(|k| k + step).collect();
-        keys = union([&below, &union([&keys, &above])]);
+        keys = merged(&keys, axis, &[-1, 0, 1], &range);
     }
     keys
 }
 
-/// Keys with every coordinate within `low..=high`.
-pub(super) fn within(keys: &[u64], low: u64, high: u64) -> Vec<u64> {
-    let inside = |k: u64| (0..3).all(|axis| (low..=high).contains(&((k >> (axis * FIELD)) & MASK)));
-    keys.iter().copied().filter(|&k| inside(k)).collect()
+/// Keys with every coordinate within the range.
+pub(super) fn within(keys: &[u64], range: &RangeInclusive<i16>) -> Vec<u64> {
+    keys.iter().copied().filter(|&k| unpack(k).iter().all(|c| range.contains(c))).collect()
 }
 
-fn union([a, b]: [&[u64]; 2]) -> Vec<u64> {
-    let mut merged = Vec::with_capacity(a.len() + b.len());
-    let (mut i, mut j) = (0, 0);
-    while i < a.len() && j < b.len() {
-        merged.push(a[i].min(b[j]));
-        let (step_a, step_b) = (a[i] <= b[j], b[j] <= a[i]);
-        i += usize::from(step_a);
-        j += usize::from(step_b);
+/// The union of copies of the set moved by each of the steps along an axis, where the moved coordinate stays within the range.
+fn merged(keys: &[u64], axis: u32, steps: &[i64], range: &RangeInclusive<i16>) -> Vec<u64> {
+    let at = |k: u64| ((k >> (axis * FIELD)) & MASK) as i64 - i64::from(BIAS);
+    let (low, high) = (i64::from(*range.start()), i64::from(*range.end()));
+    let moved = |k: u64, step: i64| k.wrapping_add_signed(step << (axis * FIELD));
+    // A moved copy is sorted as the set is: merge by the smallest head.
+    let mut heads = vec![0; steps.len()];
+    let mut out: Vec<u64> = Vec::with_capacity(keys.len() * 3 / 2);
+    loop {
+        let mut least = u64::MAX;
+        for (head, &step) in heads.iter_mut().zip(steps) {
+            while *head < keys.len() && !(low..=high).contains(&(at(keys[*head]) + step)) {
+                *head += 1;
+            }
+            if let Some(&k) = keys.get(*head) {
+                least = least.min(moved(k, step));
+            }
+        }
+        if least == u64::MAX {
+            return out;
+        }
+        for (head, &step) in heads.iter_mut().zip(steps) {
+            *head += usize::from(keys.get(*head).is_some_and(|&k| moved(k, step) == least));
+        }
+        out.push(least);
     }
-    merged.extend_from_slice(&a[i..]);
-    merged.extend_from_slice(&b[j..]);
-    merged
 }
 
 #[cfg(test)]
@@ -259,24 +299,27 @@ mod tests {
 
     #[test]
     fn growing_a_node_gives_its_27_neighbours_and_stops_at_the_border() {
-        let keys = grown(vec![pack([5, 5, 5])], 0, 8);
-        assert_eq!(keys, all_keys(4, 6));
-        assert_eq!(grown(vec![pack([0, 0, 0])], 0, 8), all_keys(0, 1));
-        assert_eq!(corner_keys(vec![pack([3, 3, 3])]), all_keys(3, 4));
-        assert_eq!(within(&all_keys(0, 8), 1, 7), all_keys(1, 7));
+        let keys = grown(vec![pack([5, 5, 5])], 0..=8);
+        assert_eq!(keys, all_keys(4..=6));
+        assert_eq!(grown(vec![pack([0, 0, 0])], 0..=8), all_keys(0..=1));
+        assert_eq!(grown(vec![pack([0, 0, 0])], -1..=8), all_keys(-1..=1));
+        assert_eq!(corner_keys(vec![pack([3, 3, 3])]), all_keys(3..=4));
+        assert_eq!(within(&all_keys(0..=8), &(1..=7)), all_keys(1..=7));
     }
 
     #[test]
     fn a_lattice_finds_exactly_its_nodes() {
-        let lattice = Lattice::new(9, &grown(vec![pack([2, 3, 4])], 0, 8));
+        let lattice = Lattice::new(3, &grown(vec![pack([2, 3, 4])], 0..=8));
         assert_eq!(lattice.len(), 27);
         assert_eq!(lattice.find([1, 2, 3]), Some(0));
         assert_eq!(lattice.find([4, 3, 4]), None);
-        assert!(lattice.corners([1, 2, 3]).is_some_and(|c| lattice.nodes[c[7]] == [2, 3, 4]));
-        assert!(lattice.corners([3, 3, 4]).is_none());
-        let centre = lattice.find([2, 3, 4]).map(|i| i as u32);
-        let rows = lattice.neighbour_rows(&[centre.unwrap_or_default()]);
-        assert_eq!(rows[0], [0, 3, 6, 9, 12, 15, 18, 21, 24]);
+        assert!(lattice.corner_rows([1, 2, 3]).is_some_and(|c| lattice.nodes[corner(&c, 7)] == [2, 3, 4]));
+        assert!(lattice.corner_rows([3, 3, 4]).is_none());
+        assert_eq!((lattice.row(3, 4), lattice.slab(4)), (12..15, 9..18));
+        let mut values: Vec<usize> = (0..27).collect();
+        let slabs = lattice.slabs_mut(&mut values);
+        assert_eq!(slabs.iter().map(|(_, s)| s.len()).sum::<usize>(), 27);
+        assert!(slabs.iter().any(|(z, s)| *z == 5 && s[0] == 18));
     }
 
     #[test]

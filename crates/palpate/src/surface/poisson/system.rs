@@ -1,19 +1,21 @@
 //! One depth's share of the problem: its nodes, the splatted normals, the constraints and the screening.
 //!
 //! Everything is in units of the depth's cell h: with v̂ = h·v for the vector field and the energy divided by h, a sample of area a counts a/h².
+//! Stored in single precision: the solution is wanted to a thousandth.
 
-use super::basis::{gradient_stencil, hats};
-use super::octree::{Cell, Lattice, Samples, all_keys, cell_keys, corner_keys, grown, locate, within};
+use super::basis::hats;
+use super::octree::{Cell, Lattice, Samples, all_keys, cell_keys, corner, corner_keys, grown, locate, within};
+use super::params::Boundary;
+use super::runs::Runs;
+use super::screening::{CellSample, Screening};
 use rayon::prelude::*;
+use std::ops::{Range, RangeInclusive};
 
 /// Depths up to this one use every node of the domain.
 pub(super) const FULL_DEPTH: u32 = 5;
 
 /// Rings of nodes beyond the corners of occupied cells that carry an unknown.
 const RINGS: usize = 1;
-
-/// Stands for "this node has no screening row".
-const NO_ROW: u32 = u32::MAX;
 
 /// Samples with what the solver needs to know of them.
 pub(super) struct Weighted<'a> {
@@ -31,11 +33,12 @@ impl Weighted<'_> {
     }
 }
 
-/// A sample that stands for all of a cell, as the screening sees it.
-struct CellSample {
-    cell: Cell,
-    place: [f64; 3],
-    area: f64,
+/// Depths that are solved, and what holds at the domain's border.
+#[derive(Clone, Copy)]
+pub(super) struct Extent {
+    pub(super) base: u32,
+    pub(super) last: u32,
+    pub(super) boundary: Boundary,
 }
 
 /// One depth: nodes with the cumulative solution, and while solving, its right-hand side and operator.
@@ -43,132 +46,146 @@ pub(super) struct Level {
     pub(super) depth: u32,
     pub(super) lattice: Lattice,
     /// Nodes that carry an unknown; all their neighbours are in the lattice.
-    pub(super) active: Vec<u32>,
+    pub(super) unknowns: Runs,
+    /// Nodes just outside the domain and their images inside; empty unless the border is Neumann's.
+    mirrored: Vec<(u32, u32)>,
     /// The function at each node (sum over this and all coarser depths).
-    pub(super) values: Vec<f64>,
+    pub(super) values: Vec<f32>,
     cells: Vec<CellSample>,
     /// Splatted normals, first this depth's own and later with all coarser ones.
-    field: Vec<[f64; 3]>,
+    field: Vec<[f32; 3]>,
     /// ⟨∇B, V⟩ of the field of this depth and all finer ones.
-    constraint: Vec<f64>,
-}
-
-/// The operator of one depth: stiffness stencil plus screening rows.
-pub(super) struct Operator {
-    pub(super) neighbours: Vec<[u32; 9]>,
-    /// Row of each active node in `rows`, or [`NO_ROW`].
-    row_of: Vec<u32>,
-    rows: Vec<[f32; 27]>,
-}
-
-impl Operator {
-    /// The screening row of an active node.
-    #[inline]
-    pub(super) fn row(&self, active: usize) -> Option<&[f32; 27]> {
-        self.rows.get(self.row_of[active] as usize)
-    }
+    constraint: Vec<f32>,
 }
 
 impl Level {
-    /// Lays out the nodes of a depth and splats the samples' normals that belong to it. `base` is the coarsest depth solved.
-    pub(super) fn new(input: &Weighted, depth: u32, base: u32, last: u32) -> Self {
-        let last_node = 1_u64 << depth;
-        let cells = cell_samples(input, depth, base);
-        let (active_keys, keys) = if depth <= FULL_DEPTH.max(base) {
-            (all_keys(1, last_node - 1), all_keys(0, last_node))
+    /// Lays out the nodes of a depth and splats the samples' normals that belong to it.
+    pub(super) fn new(input: &Weighted, depth: u32, extent: Extent) -> Self {
+        let occupied = input.samples.cells(depth);
+        let used: Vec<(Cell, Range<usize>)> = if depth <= extent.base {
+            occupied
         } else {
-            let mut band = corner_keys(cell_keys(cells.iter().map(|c| c.cell)));
-            for _ in 0..RINGS {
-                band = grown(band, 0, last_node);
-            }
-            let active = within(&band, 1, last_node - 1);
-            let nodes = grown(active.clone(), 0, last_node);
-            (active, nodes)
+            let reaches = |r: &Range<usize>| r.clone().any(|i| input.share(i, depth, extent.base) > 0.0);
+            occupied.into_iter().filter(|(_, r)| reaches(r)).collect()
         };
-        let lattice = Lattice::new(last_node as usize + 1, &keys);
-        let active = positions(&keys, &active_keys);
+        let (lattice, unknowns) = lay_out(&used, depth, extent);
+        let mirrored = mirrored(&lattice);
+        let corners: Vec<[u32; 4]> = used
+            .par_iter()
+            .map(|(cell, _)| lattice.corner_rows(*cell).expect("occupied cells have their corners"))
+            .collect();
         let mut field = vec![[0.0; 3]; lattice.len()];
-        splat_normals(input, depth, base, last, &lattice, &mut field);
-        Self { depth, values: Vec::new(), constraint: Vec::new(), lattice, active, cells, field }
+        splat_normals(input, depth, extent, &used, &corners, &mut field);
+        let cells = cell_samples(input, depth, extent.base, &used, &corners);
+        Self { depth, values: Vec::new(), constraint: Vec::new(), lattice, unknowns, mirrored, cells, field }
     }
 
     /// Adds ⟨∇B, V⟩ of this depth's own field and, restricted, of the finer ones.
-    pub(super) fn gather_constraints(&mut self, finer: Option<&Level>, neighbours: &[[u32; 9]]) {
-        let mut constraint = vec![0.0; self.lattice.len()];
-        for (&i, b) in self.active.iter().zip(divergence(neighbours, &self.field)) {
-            constraint[i as usize] = b;
-        }
-        if let Some(finer) = finer {
-            for &i in &finer.active {
-                let b = finer.constraint[i as usize];
-                if b != 0.0 {
-                    // B at depth d is Σ ½^steps B at depth d + 1; lengths double, hence the other ½.
-                    for_parents(finer.lattice.nodes[i as usize], |parent, share| {
-                        let at = self.lattice.find(parent).expect("parents of active nodes are in the coarser lattice");
-                        constraint[at] += 0.5 * share * b;
-                    });
-                }
-            }
-        }
+    pub(super) fn gather_constraints(&mut self, finer: Option<&Level>) {
+        self.mirror_field();
+        let mut constraint = finer.map_or_else(|| vec![0.0; self.lattice.len()], |f| self.restricted(f));
+        self.unknowns.add_divergence(&self.field, &mut constraint);
         self.constraint = constraint;
     }
 
+    /// The finer constraints at this depth's nodes: B at depth d is Σ ½^steps B at depth d + 1; lengths double, hence another ½.
+    fn restricted(&self, finer: &Level) -> Vec<f32> {
+        let mut out = vec![0.0_f32; self.lattice.len()];
+        let cells = finer.lattice.cells;
+        let slabs = self.lattice.slabs_mut(&mut out);
+        slabs.into_par_iter().filter(|(z, _)| (0..=self.lattice.cells).contains(z)).for_each(|(z, slab)| {
+            let start = self.lattice.slab(z).start;
+            for y in 0..=self.lattice.cells {
+                let row = self.lattice.row(y, z);
+                for step in 0..9 {
+                    let (dy, dz) = (step % 3 - 1, step / 3 - 1);
+                    let (fy, fz) = (2 * y + dy, 2 * z + dz);
+                    if row.is_empty() || !(0..=cells).contains(&fy) || !(0..=cells).contains(&fz) {
+                        continue;
+                    }
+                    let share = 0.5 * 0.5_f32.powi(i32::from(dy.abs() + dz.abs()));
+                    let fine = finer.lattice.row(fy, fz);
+                    let mut at = fine.start;
+                    for node in row.clone() {
+                        let x = 2 * self.lattice.nodes[node][0];
+                        while at < fine.end && finer.lattice.nodes[at][0] < x - 1 {
+                            at += 1;
+                        }
+                        let near = finer.lattice.nodes[at..fine.end].iter().zip(&finer.constraint[at..fine.end]);
+                        for (n, c) in near.take_while(|(n, _)| n[0] <= x + 1) {
+                            slab[node - start] += share * if n[0] == x { *c } else { 0.5 * c };
+                        }
+                    }
+                }
+            }
+        });
+        out
+    }
+
     /// Starts from the coarser depth: its function becomes the first guess, its field joins this one's and adds to the constraints.
-    pub(super) fn start_from(&mut self, coarser: Option<&Level>, neighbours: &[[u32; 9]]) {
+    pub(super) fn start_from(&mut self, coarser: Option<&Level>) {
         let Some(coarser) = coarser else {
             self.values = vec![0.0; self.lattice.len()];
             return;
         };
-        let from_coarser: Vec<(f64, [f64; 3])> = self.lattice.nodes.par_iter().map(|&n| coarser.at_child(n)).collect();
-        self.values = from_coarser.iter().map(|c| c.0).collect();
-        let coarse_field: Vec<[f64; 3]> = from_coarser.iter().map(|c| c.1.map(|v| 0.5 * v)).collect();
-        for (&i, b) in self.active.iter().zip(divergence(neighbours, &coarse_field)) {
-            self.constraint[i as usize] += b;
-        }
-        for (own, coarse) in self.field.iter_mut().zip(&coarse_field) {
-            *own = std::array::from_fn(|k| own[k] + coarse[k]);
-        }
+        self.values = prolonged(&self.lattice, &coarser.lattice, &coarser.values, |v, share, c| *v += share * c);
+        let mut field = prolonged(&self.lattice, &coarser.lattice, &coarser.field, |v: &mut [f32; 3], share, c| {
+            *v = std::array::from_fn(|k| v[k] + 0.5 * share * c[k]);
+        });
+        std::mem::swap(&mut self.field, &mut field);
+        self.mirror_field();
+        self.unknowns.add_divergence(&self.field, &mut self.constraint);
+        self.field.par_iter_mut().zip(&field).for_each(|(all, own)| {
+            *all = std::array::from_fn(|k| all[k] + own[k]);
+        });
     }
 
-    /// The operator, and the residual at the active nodes of the present `values`, for screening weight `alpha` and samples meant to be at ½.
-    pub(super) fn assemble(&self, alpha: f64, neighbours: Vec<[u32; 9]>) -> (Operator, Vec<f64>) {
-        let mut right: Vec<f64> = vec![0.0; self.lattice.len()];
-        let mut row_of_node = vec![NO_ROW; self.lattice.len()];
-        let mut rows: Vec<[f32; 27]> = Vec::new();
+    /// The screening of this depth, and the residual at the unknowns of the present `values`, for samples meant to be at ½.
+    pub(super) fn assemble(&mut self, alpha: f64) -> (Screening, Vec<f32>) {
         let per_area = alpha * f64::from(1_u32 << self.depth).powi(2);
-        for sample in self.cells.iter().filter(|_| alpha > 0.0) {
-            let corners = self.lattice.corners(sample.cell).expect("occupied cells have their corners");
-            let b = hats(sample.place);
-            let weight = per_area * sample.area;
-            let value: f64 = (0..8).map(|c| b[c] * self.values[corners[c]]).sum();
-            for i in 0..8 {
-                right[corners[i]] += weight * b[i] * (0.5 - value);
-                let row = &mut row_of_node[corners[i]];
-                if *row == NO_ROW {
-                    *row = rows.len() as u32;
-                    rows.push([0.0; 27]);
-                }
-                for j in 0..8 {
-                    rows[*row as usize][step_between(i, j)] += (weight * b[i] * b[j]) as f32;
-                }
-            }
+        let screening = Screening::new(std::mem::take(&mut self.cells), per_area, &self.unknowns);
+        self.mirror_values();
+        let pull = screening.pull(&self.values, 0.5);
+        let mut residual = vec![0.0; self.unknowns.len()];
+        self.unknowns.stiffness(&self.values, &mut residual, |part, first| {
+            negate(part);
+            screening.add(part, first, &pull);
+        });
+        for (first, node, len) in self.unknowns.spans() {
+            let constraint = &self.constraint[node..node + len];
+            residual[first..first + len].iter_mut().zip(constraint).for_each(|(r, c)| *r += c);
         }
-        let row_of = self.active.iter().map(|&i| row_of_node[i as usize]).collect();
-        let stiffness = Operator { neighbours, row_of: vec![NO_ROW; self.active.len()], rows: Vec::new() };
-        let applied = super::solve::apply(&stiffness, &self.active, &self.values);
-        let residual = self
-            .active
-            .iter()
-            .zip(applied)
-            .map(|(&i, a)| self.constraint[i as usize] + right[i as usize] - a)
-            .collect();
-        (Operator { row_of, rows, ..stiffness }, residual)
+        (screening, residual)
     }
 
-    /// Adds the correction at the active nodes.
-    pub(super) fn correct(&mut self, correction: &[f64]) {
-        for (&i, x) in self.active.iter().zip(correction) {
-            self.values[i as usize] += x;
+    /// Adds the correction at the unknowns.
+    pub(super) fn correct(&mut self, correction: &[f32]) {
+        for (first, node, len) in self.unknowns.spans() {
+            let own = &mut self.values[node..node + len];
+            own.iter_mut().zip(&correction[first..first + len]).for_each(|(v, x)| *v += x);
+        }
+        self.mirror_values();
+    }
+
+    /// Fills the nodes just outside the domain.
+    pub(super) fn mirror(&self, values: &mut [f32]) {
+        for &(outside, inside) in &self.mirrored {
+            values[outside as usize] = values[inside as usize];
+        }
+    }
+
+    fn mirror_values(&mut self) {
+        for &(outside, inside) in &self.mirrored {
+            self.values[outside as usize] = self.values[inside as usize];
+        }
+    }
+
+    /// A mirrored field points the other way along the mirrored axes.
+    fn mirror_field(&mut self) {
+        for &(outside, inside) in &self.mirrored {
+            let (from, to) = (self.lattice.nodes[inside as usize], self.lattice.nodes[outside as usize]);
+            let v = self.field[inside as usize];
+            self.field[outside as usize] = std::array::from_fn(|k| if from[k] == to[k] { v[k] } else { -v[k] });
         }
     }
 
@@ -176,24 +193,59 @@ impl Level {
     pub(super) fn finish(&mut self) {
         self.field = Vec::new();
         self.constraint = Vec::new();
-        self.cells = Vec::new();
-    }
-
-    /// Function and field at a node of the next finer depth.
-    fn at_child(&self, node: Cell) -> (f64, [f64; 3]) {
-        let (mut value, mut field) = (0.0, [0.0; 3]);
-        for_parents(node, |parent, share| {
-            let at = self.lattice.find(parent).expect("parents of nodes are in the coarser lattice");
-            value += share * self.values[at];
-            field = std::array::from_fn(|k| field[k] + share * self.field[at][k]);
-        });
-        (value, field)
     }
 }
 
+/// The lattice of a depth and its unknowns.
+fn lay_out(used: &[(Cell, Range<usize>)], depth: u32, extent: Extent) -> (Lattice, Runs) {
+    let last = 1_i16 << depth;
+    let (unknown, node): (RangeInclusive<i16>, RangeInclusive<i16>) = match extent.boundary {
+        Boundary::Dirichlet => (1..=last - 1, 0..=last),
+        Boundary::Neumann => (0..=last, -1..=last + 1),
+    };
+    let (unknown_keys, keys) = if depth <= FULL_DEPTH.max(extent.base) {
+        (all_keys(unknown), all_keys(node))
+    } else {
+        let mut band = corner_keys(cell_keys(used.iter().map(|c| c.0)));
+        for _ in 0..RINGS {
+            band = grown(band, 0..=last);
+        }
+        let unknowns = within(&band, &unknown);
+        let nodes = grown(unknowns.clone(), node);
+        (unknowns, nodes)
+    };
+    let lattice = Lattice::new(depth, &keys);
+    let unknowns = Runs::new(&lattice, &positions(&keys, &unknown_keys));
+    (lattice, unknowns)
+}
+
+/// Nodes just outside the domain with their mirror images.
+fn mirrored(lattice: &Lattice) -> Vec<(u32, u32)> {
+    let last = lattice.cells;
+    let image = |c: i16| match c {
+        -1 => 1,
+        c if c > last => last - 1,
+        c => c,
+    };
+    let outside = |n: &Cell| n.iter().any(|c| !(0..=last).contains(c));
+    lattice
+        .nodes
+        .iter()
+        .enumerate()
+        .filter(|(_, n)| outside(n))
+        .map(|(i, n)| (i as u32, lattice.find(n.map(image)).expect("a mirrored node has its image") as u32))
+        .collect()
+}
+
 /// Merges the samples of each occupied cell, weighted by area times their share at this depth.
-fn cell_samples(input: &Weighted, depth: u32, base: u32) -> Vec<CellSample> {
-    let merge = |(cell, range): &(Cell, std::ops::Range<usize>)| {
+fn cell_samples(
+    input: &Weighted,
+    depth: u32,
+    base: u32,
+    used: &[(Cell, Range<usize>)],
+    corners: &[[u32; 4]],
+) -> Vec<CellSample> {
+    let merge = |((cell, range), corners): (&(Cell, Range<usize>), &[u32; 4])| {
         let mut area = 0.0;
         let mut mean = [0.0; 3];
         for i in range.clone() {
@@ -203,67 +255,92 @@ fn cell_samples(input: &Weighted, depth: u32, base: u32) -> Vec<CellSample> {
         }
         let n = f64::from(1_u32 << depth);
         let place = std::array::from_fn(|k| (mean[k] / area * n - f64::from(cell[k])).clamp(0.0, 1.0));
-        (area > 0.0).then_some(CellSample { cell: *cell, place, area })
+        (area > 0.0).then_some(CellSample { corners: *corners, place, area })
     };
-    input.samples.cells(depth).par_iter().filter_map(merge).collect()
+    used.par_iter().zip(corners).filter_map(merge).collect()
 }
 
 /// V = −Σ area · normal · B, on the nodes of the cells that hold the samples (the field points inwards, where the function is 1).
-fn splat_normals(input: &Weighted, depth: u32, base: u32, last: u32, lattice: &Lattice, field: &mut [[f64; 3]]) {
+fn splat_normals(
+    input: &Weighted,
+    depth: u32,
+    extent: Extent,
+    used: &[(Cell, Range<usize>)],
+    corners: &[[u32; 4]],
+    field: &mut [[f32; 3]],
+) {
     let per_area = f64::from(1_u32 << depth).powi(2);
-    for i in 0..input.samples.len() {
-        let deeper = if depth == last { 0.0 } else { input.share(i, depth + 1, base) };
-        let share = input.share(i, depth, base) - deeper;
-        if share <= 0.0 {
-            continue;
+    let cell = |range: &Range<usize>| {
+        let mut sum = [[0.0_f64; 3]; 8];
+        for i in range.clone() {
+            let deeper = if depth == extent.last { 0.0 } else { input.share(i, depth + 1, extent.base) };
+            let share = input.share(i, depth, extent.base) - deeper;
+            if share > 0.0 {
+                let v = input.samples.normal(i).map(|n| f64::from(n) * (-share * input.area[i] * per_area));
+                let b = hats(locate(input.samples.position[i], depth).1);
+                sum = std::array::from_fn(|c| std::array::from_fn(|k| sum[c][k] + b[c] * v[k]));
+            }
         }
-        let (cell, place) = locate(input.samples.position[i], depth);
-        let corners = lattice.corners(cell).expect("occupied cells have their corners");
-        let v = input.samples.normal[i] * (-share * input.area[i] * per_area);
-        for (corner, b) in corners.into_iter().zip(hats(place)) {
-            field[corner] = std::array::from_fn(|k| field[corner][k] + b * v[k]);
-        }
-    }
-}
-
-/// ⟨∇B_i, V⟩ at nodes given by their neighbour rows.
-fn divergence(neighbours: &[[u32; 9]], field: &[[f64; 3]]) -> Vec<f64> {
-    let stencil = gradient_stencil();
-    let at = |rows: &[u32; 9]| -> f64 {
-        rows.iter()
-            .enumerate()
-            .map(|(r, &first)| {
-                let first = first as usize;
-                let dot = |n: usize| {
-                    let (s, v) = (stencil[3 * r + n], field[first + n]);
-                    s[0] * v[0] + s[1] * v[1] + s[2] * v[2]
-                };
-                dot(0) + dot(1) + dot(2)
-            })
-            .sum()
+        sum.map(|v| v.map(|x| x as f32))
     };
-    neighbours.par_iter().map(at).collect()
-}
-
-/// Calls `f` with the coarser nodes that a node lies between and the share of each.
-#[inline]
-fn for_parents(node: Cell, mut f: impl FnMut(Cell, f64)) {
-    let share = 0.5_f64.powi(node.iter().map(|c| i32::from(c & 1)).sum());
-    let up = |axis: usize| node[axis] / 2..=node[axis].div_ceil(2);
-    for z in up(2) {
-        for y in up(1) {
-            for x in up(0) {
-                f([x, y, z], share);
+    // Whole batches in parallel, so that memory stays small; added up in the order of the cells.
+    for (used, corners) in used.chunks(8192).zip(corners.chunks(8192)) {
+        let sums: Vec<[[f32; 3]; 8]> = used.par_iter().map(|(_, range)| cell(range)).collect();
+        for (sum, rows) in sums.iter().zip(corners) {
+            for (c, v) in sum.iter().enumerate() {
+                let node = &mut field[corner(rows, c)];
+                *node = std::array::from_fn(|k| node[k] + v[k]);
             }
         }
     }
 }
 
-/// Place of corner j in the 27-neighbourhood of corner i of the same cell.
-#[inline]
-fn step_between(i: usize, j: usize) -> usize {
-    let step = |axis: usize| 1 + ((j >> axis) & 1) - ((i >> axis) & 1);
-    step(0) + 3 * step(1) + 9 * step(2)
+/// Values at the fine nodes within the domain, from those at the coarse nodes around each: `add(sum, share, coarse value)`.
+fn prolonged<T: Copy + Default + Send + Sync>(
+    fine: &Lattice,
+    coarse: &Lattice,
+    values: &[T],
+    add: impl Fn(&mut T, f32, T) + Sync,
+) -> Vec<T> {
+    let mut out = vec![T::default(); fine.len()];
+    let inside = 0..=fine.cells;
+    fine.slabs_mut(&mut out).into_par_iter().filter(|(z, _)| inside.contains(z)).for_each(|(z, slab)| {
+        let start = fine.slab(z).start;
+        for y in inside.clone() {
+            let row = fine.row(y, z);
+            if row.is_empty() {
+                continue;
+            }
+            for (cy, cz) in [(y / 2, z / 2), ((y + 1) / 2, z / 2), (y / 2, (z + 1) / 2), ((y + 1) / 2, (z + 1) / 2)] {
+                // Even coordinates name the same row twice, with half the share each time.
+                let parents = coarse.row(cy, cz);
+                let mut at = parents.start;
+                for node in row.clone() {
+                    let x = fine.nodes[node][0];
+                    if !inside.contains(&x) {
+                        continue;
+                    }
+                    while at < parents.end && coarse.nodes[at][0] < x / 2 {
+                        at += 1;
+                    }
+                    let sum = &mut slab[node - start];
+                    if x % 2 == 0 {
+                        add(sum, 0.25, values[at]);
+                    } else {
+                        add(sum, 0.125, values[at]);
+                        add(sum, 0.125, values[at + 1]);
+                    }
+                }
+            }
+        }
+    });
+    out
+}
+
+pub(super) fn negate(values: &mut [f32]) {
+    for v in values {
+        *v = -*v;
+    }
 }
 
 /// Index in `all` of each of `some`; both sorted.

@@ -1,0 +1,84 @@
+//! How far the samples lie off their surface, read from the samples themselves.
+
+use super::octree::Samples;
+
+/// Samples after each in octree order that are compared with it: most are its neighbours.
+const PAIRS: usize = 4;
+
+/// Pairs are compared up to this many spacings apart, and once the noise is known, that many of its deviations further …
+const REACH: (f64, f64) = (2.5, 5.0);
+
+/// … and if their normals agree to this cosine: not across edges and thin walls.
+const AGREEMENT: f64 = 0.7;
+
+/// Median of |x| for the standard normal distribution.
+const MEDIAN_OF_NORMAL: f64 = 0.674_489_75;
+
+/// Standard deviation of the samples along their normals, in units of the unit cube.
+///
+/// For two points of a sphere the chord is perpendicular to the sum of the normals, and for any smooth surface it is so up to the third order of the
+/// distance: what is left of (q − p)·(n + m)/|n + m| is the noise of two samples. The median does not see edges and outliers. Noise of the normals
+/// counts as noise of the position at the distance of a neighbour, which is what it does to the surface.
+///
+/// * `spacing` – of each sample, unit cube; 0 if no pair is near enough
+pub(super) fn deviation(samples: &Samples, spacing: f64) -> f64 {
+    let near = deviation_within(samples, REACH.0 * spacing);
+    // Noise drives neighbours apart: near pairs alone would speak too well of it.
+    deviation_within(samples, REACH.0 * spacing + REACH.1 * near)
+}
+
+fn deviation_within(samples: &Samples, reach: f64) -> f64 {
+    let mut residuals = Vec::with_capacity(PAIRS * samples.len());
+    for i in 0..samples.len() {
+        let (p, n) = (samples.position[i], samples.normal(i).map(f64::from));
+        for j in i + 1..(i + 1 + PAIRS).min(samples.len()) {
+            let (q, m) = (samples.position[j], samples.normal(j).map(f64::from));
+            let step: [f64; 3] = std::array::from_fn(|k| q[k] - p[k]);
+            let sum: [f64; 3] = std::array::from_fn(|k| n[k] + m[k]);
+            let (distance, cosine) = (dot(step, step).sqrt(), dot(n, m));
+            if distance > 0.0 && distance < reach && cosine > AGREEMENT {
+                residuals.push((dot(step, sum) / dot(sum, sum).sqrt()).abs());
+            }
+        }
+    }
+    if residuals.is_empty() {
+        return 0.0;
+    }
+    let middle = residuals.len() / 2;
+    let (_, median, _) = residuals.select_nth_unstable_by(middle, f64::total_cmp);
+    *median / (MEDIAN_OF_NORMAL * std::f64::consts::SQRT_2)
+}
+
+fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::{Point, PointCloud, Vector};
+    use rand::{RngExt, SeedableRng};
+    use rand_distr::{Distribution, Normal};
+    use rand_pcg::Pcg64Mcg;
+
+    #[test]
+    fn the_noise_of_a_sphere_is_read_whatever_its_curvature() {
+        let mut rng = Pcg64Mcg::seed_from_u64(1);
+        for sigma in [0.0, 1e-4, 1e-3, 5e-3] {
+            let noise = Normal::new(0.0, sigma).expect("finite");
+            let (mut points, mut normals) = (Vec::new(), Vec::new());
+            while points.len() < 4000 {
+                let v = Vector::from_fn(|_, _| rng.random_range(-1.0..1.0));
+                if let Some(n) = v.try_normalize(0.05).filter(|_| v.norm() < 1.0) {
+                    points.push(Point::from(n * (0.3 + noise.sample(&mut rng))));
+                    normals.push(n);
+                }
+            }
+            let cloud = PointCloud { points, ..PointCloud::default() };
+            let chosen: Vec<u32> = (0..4000).collect();
+            let samples = Samples::new(&cloud, &normals, None, &chosen, Point::new(-0.5, -0.5, -0.5), 1.0);
+            let found = deviation(&samples, 0.3 * (4.0 * std::f64::consts::PI / 4000.0_f64).sqrt());
+            assert!((found - sigma).abs() < 0.08 * sigma + 1e-6, "{found} for {sigma}");
+        }
+    }
+}
