@@ -174,7 +174,7 @@ impl<'a> Others<'a> {
         let index = SampleIndex::new(&seen, 2e-3, 8e-3);
         let families = copies.iter().map(|c| c.family as usize + 1).max().unwrap_or(0);
         let copies = copies.iter().map(|c| (c.motion, c.motion.inverse(), c.family as usize)).collect();
-        Self { index, seen, felt, copies, families, sigma }
+        Self { seen, index, felt, copies, families, sigma }
     }
 
     fn place(&self, touch: usize, patch: &Patch, fit: &Fit) -> Placed {
@@ -282,7 +282,9 @@ fn fit(
             })
             .collect();
         let mut counts = vec![0.0f64; 1 + others.families + placed.len()];
-        matches.iter().for_each(|m| counts[m.3.group] += 1.0);
+        for m in &matches {
+            counts[m.3.group] += 1.0;
+        }
         let (mut information, mut gradient) = (Matrix6::from_diagonal(prior), prior.component_mul(&fit.xi));
         for (row, residual, [normal, wanted], target) in &matches {
             let worth = if target.group == 0 { params.seen_worth } else { params.guess_worth };
@@ -328,7 +330,7 @@ mod tests {
         let exact = touch(&solids, Point::new(0.005, 0.004, 0.2), Point::new(0.005, 0.004, 0.0));
         let error = Isometry::new(Vector::new(4e-4, -3e-4, 2e-3), Vector::new(0.05, -0.06, 0.0));
         let given = moved(&exact, &(exact.world_from_sensor * error));
-        let evidence = Evidence::gather(&frame, &visible, &[given.clone()], &EvidenceParams::default());
+        let evidence = Evidence::gather(&frame, &visible, std::slice::from_ref(&given), &EvidenceParams::default());
         (evidence.expect("the box is seen"), exact, given)
     }
 
@@ -343,8 +345,13 @@ mod tests {
         let none = Symmetry::default();
         let copies = copyings(&none, 0.05, 8e-3);
         let sigma = GuessSigma::new(&evidence, &none, &copies, 0.05, 8e-3);
-        let refined =
-            &refine_touches(&evidence, &[given.clone()], (&copies, &sigma), &SIGMA, &TouchPoseParams::default())[0];
+        let refined = &refine_touches(
+            &evidence,
+            std::slice::from_ref(&given),
+            (&copies, &sigma),
+            &SIGMA,
+            &TouchPoseParams::default(),
+        )[0];
         let ((along, tilt), (was_along, was_tilt)) = (off(&exact, &refined.patch), off(&exact, &given));
         assert!(along < 0.25 * was_along, "{along} m off, was {was_along}");
         assert!(tilt < 0.6 * was_tilt, "tilted by {tilt}, was {was_tilt}");
@@ -361,7 +368,9 @@ mod tests {
         let far = moved(&given, &(Isometry::translation(0.0, 0.0, 0.5) * given.world_from_sensor));
         let none = Symmetry::default();
         let sigma = GuessSigma::new(&evidence, &none, &[], 0.05, 8e-3);
-        let refined = &refine_touches(&evidence, &[far.clone()], (&[], &sigma), &SIGMA, &TouchPoseParams::default())[0];
+        let refined =
+            &refine_touches(&evidence, std::slice::from_ref(&far), (&[], &sigma), &SIGMA, &TouchPoseParams::default())
+                [0];
         assert!(
             (refined.patch.world_from_sensor.translation.vector - far.world_from_sensor.translation.vector).norm()
                 < 1e-9

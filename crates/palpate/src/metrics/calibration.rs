@@ -53,7 +53,7 @@ pub fn spearman(a: &[f64], b: &[f64]) -> Option<f64> {
         return None;
     }
     let (a, b) = (ranks(a), ranks(b));
-    let mean = (a.len() as f64 + 1.0) / 2.0;
+    let mean = f64::midpoint(a.len() as f64, 1.0);
     let product = |x: &[f64], y: &[f64]| x.iter().zip(y).map(|(x, y)| (x - mean) * (y - mean)).sum::<f64>();
     let scale = (product(&a, &a) * product(&b, &b)).sqrt();
     Some(if scale > 0.0 { product(&a, &b) / scale } else { 0.0 })
@@ -66,8 +66,10 @@ fn ranks(values: &[f64]) -> Vec<f64> {
     let mut ranks = vec![0.0; values.len()];
     let mut below = 0;
     for tied in order.chunk_by(|&i, &j| values[i].total_cmp(&values[j]).is_eq()) {
-        let shared = below as f64 + (tied.len() as f64 + 1.0) / 2.0;
-        tied.iter().for_each(|&i| ranks[i] = shared);
+        let shared = below as f64 + f64::midpoint(tied.len() as f64, 1.0);
+        for &i in tied {
+            ranks[i] = shared;
+        }
         below += tied.len();
     }
     ranks

@@ -114,9 +114,9 @@ pub(crate) fn run(args: Args) -> anyhow::Result<Outcome> {
         undistort(folder, &search, &result.camera)?;
     }
     if args.json {
-        println!("{}", report(&result, &search))
+        println!("{}", report(&result, &search));
     } else {
-        say(&result, &search, &args)
+        say(&result, &search, &args);
     }
     let losses = !search.failed.is_empty() || result.views.iter().any(|v| v.outlier || !v.used);
     Ok(if losses { Outcome::Degraded } else { Outcome::Done })
