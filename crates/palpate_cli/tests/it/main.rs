@@ -3,6 +3,7 @@
 mod bad_input;
 mod compare;
 mod decode;
+mod explore;
 mod presses;
 mod reconstruct;
 mod render;
