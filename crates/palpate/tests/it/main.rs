@@ -1,6 +1,7 @@
 //! One integration binary: linking is what costs.
 
 mod claims;
+mod explore;
 mod layering;
 mod metrics;
 mod optics;
