@@ -53,7 +53,7 @@ impl Belief {
     ) -> Result<Self, ExploreError> {
         let (points, normals, area) = carriers(&current.mesh, belief.spacing)?;
         let local = uncertainty.sigma(&points, &normals);
-        let modes = super::hypotheses::modes(scene, current, params, belief, (&points, &normals))?;
+        let modes = super::hypotheses::modes(scene, current, params, belief, (&points, &normals));
         Ok(Self::from_parts(points, normals, area, local, &modes, belief))
     }
 

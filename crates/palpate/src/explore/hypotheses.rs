@@ -1,4 +1,4 @@
-use super::{BeliefParams, ExploreError};
+use super::BeliefParams;
 use crate::evidence::Evidence;
 use crate::geometry::{Bvh, Point, TriangleMesh, Vector};
 use crate::pipeline::{ReconstructParams, Reconstruction, Stages, reconstruct};
@@ -66,9 +66,9 @@ pub(super) fn modes(
     params: &ReconstructParams,
     belief: &BeliefParams,
     (points, normals): (&[Point], &[Vector]),
-) -> Result<Vec<Mode>, ExploreError> {
+) -> Vec<Mode> {
     if belief.hypotheses == 0.0 {
-        return Ok(Vec::new());
+        return Vec::new();
     }
     let sets = alternatives(&current.symmetry, belief.rejected);
     let solve = |(probability, symmetry): (f64, Symmetry)| {
@@ -78,7 +78,7 @@ pub(super) fn modes(
         let mesh = reconstruct(scene, params, &stages).ok()?.mesh;
         Some(Mode { probability, offsets: offsets(&mesh, points, normals, belief.largest_difference) })
     };
-    Ok(sets.into_par_iter().filter_map(solve).collect())
+    sets.into_par_iter().filter_map(solve).collect()
 }
 
 /// Distance along the normal to where another mesh passes, outwards or inwards, whichever is nearer; ± `largest` where it does not.

@@ -141,11 +141,11 @@ impl Reachable {
     /// Whether a fingertip at this pose lies where it may: a box over the pad, from `behind` to `ahead` along the sensor's z, metres.
     pub(super) fn allows(&self, world_from_tip: &Isometry, sensor: &TactileSensor, behind: f64, ahead: f64) -> bool {
         let (w, h) = sensor.pad_size();
-        let corners = [-0.5, 0.5].into_iter().flat_map(|x| {
+        let mut corners = [-0.5, 0.5].into_iter().flat_map(|x| {
             [-0.5, 0.5].into_iter().flat_map(move |y| [-behind, ahead].map(|z| Point::new(x * w, y * h, z)))
         });
         let inside = |p: Point| self.planes.iter().all(|plane| plane.signed_distance(&(world_from_tip * p)) >= 0.0);
         let press = world_from_tip * Vector::z();
-        self.cone.is_none_or(|(d, cosine)| press.dot(&d) >= cosine) && corners.map(inside).all(|ok| ok)
+        self.cone.is_none_or(|(d, cosine)| press.dot(&d) >= cosine) && corners.all(inside)
     }
 }

@@ -161,19 +161,15 @@ impl<'a> Trial<'a> {
     /// The touch that a guarded move along a candidate's approach makes, and whether it touches anything.
     fn press(&self, candidate: &Candidate) -> (Touch, bool) {
         let cols = self.params.map_width;
-        match self.planner.guarded_press(self.truth.mesh(), candidate, cols) {
-            Ok(pressed) => {
-                let (contact, world_from_sensor) = (Some(pressed.contact), pressed.world_from_sensor);
-                (Touch { contact, image: None, world_from_sensor }, true)
-            }
-            Err(_) => {
-                let sensor = self.planner.sensor();
-                let rows = sensor.map_rows(cols);
-                let mask = Raster::filled(rows, cols, false);
-                let contact = Some(Contact { height_map: sensor.relaxed(rows, cols), mask });
-                (Touch { contact, image: None, world_from_sensor: candidate.world_from_aim }, false)
-            }
+        if let Ok(pressed) = self.planner.guarded_press(self.truth.mesh(), candidate, cols) {
+            let (contact, world_from_sensor) = (Some(pressed.contact), pressed.world_from_sensor);
+            return (Touch { contact, image: None, world_from_sensor }, true);
         }
+        let sensor = self.planner.sensor();
+        let rows = sensor.map_rows(cols);
+        let mask = Raster::filled(rows, cols, false);
+        let contact = Some(Contact { height_map: sensor.relaxed(rows, cols), mask });
+        (Touch { contact, image: None, world_from_sensor: candidate.world_from_aim }, false)
     }
 }
 
