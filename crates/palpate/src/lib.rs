@@ -11,6 +11,7 @@ pub mod camera;
 pub mod capture;
 pub mod completion;
 pub mod evidence;
+pub mod explore;
 pub mod geometry;
 pub mod io;
 pub mod metrics;

@@ -41,6 +41,10 @@ enum Command {
     Surface(commands::surface::Args),
     /// Planes, axes and spheres of symmetry that the evidence supports
     Symmetry(commands::symmetry::Args),
+    /// Where to touch next: reachable sensor poses, the most useful first
+    NextTouch(commands::next_touch::Args),
+    /// Play touches on known meshes by several policies: error against touches
+    Explore(commands::explore::Args),
     /// Tactile images to height maps and contact masks
     Decode(commands::decode::Args),
     /// Distances, F-scores and volumetric IoU of a mesh against the truth
@@ -88,6 +92,8 @@ impl Args {
             Command::Clean(args) => commands::clean::run(args),
             Command::Surface(args) => commands::surface::run(args),
             Command::Symmetry(args) => commands::symmetry::run(args),
+            Command::NextTouch(args) => commands::next_touch::run(args),
+            Command::Explore(args) => commands::explore::run(args),
             Command::Decode(args) => commands::decode::run(args),
             Command::Compare(args) => commands::compare::run(args),
             Command::Render(args) => commands::render::run(args),

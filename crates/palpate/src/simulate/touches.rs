@@ -187,7 +187,7 @@ pub(super) fn make_touches(
 }
 
 /// Area-uniform surface points with their faces' outward normals.
-pub(super) fn sample_surface(mesh: &TriangleMesh, count: usize, rng: &mut Pcg64Mcg) -> Vec<(Point, Vector)> {
+pub(crate) fn sample_surface(mesh: &TriangleMesh, count: usize, rng: &mut Pcg64Mcg) -> Vec<(Point, Vector)> {
     let mut cumulative = Vec::with_capacity(mesh.faces.len());
     let mut total = 0.0;
     for face in 0..mesh.faces.len() {
@@ -210,7 +210,7 @@ pub(super) fn sample_surface(mesh: &TriangleMesh, count: usize, rng: &mut Pcg64M
 }
 
 /// The pose that looks into the surface: origin at the point, +z = −normal, minimal rotation from +z, then yaw about it.
-pub(super) fn aim(point: &Point, normal: &Vector, yaw: f64) -> Isometry {
+pub(crate) fn aim(point: &Point, normal: &Vector, yaw: f64) -> Isometry {
     let half_turn = UnitQuaternion::from_axis_angle(&Vector::x_axis(), std::f64::consts::PI);
     let minimal = UnitQuaternion::rotation_between(&Vector::z(), &-normal).unwrap_or(half_turn);
     let yaw = UnitQuaternion::from_axis_angle(&Vector::z_axis(), yaw);

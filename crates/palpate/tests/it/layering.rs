@@ -18,6 +18,7 @@ const RANKS: &[(&str, u8)] = &[
     ("completion", 4),
     ("io", 4),
     ("pipeline", 5),
+    ("explore", 6),
 ];
 
 fn rank(module: &str) -> Option<u8> {

@@ -3,6 +3,7 @@
 mod board_pictures;
 mod chessboard;
 mod claims;
+mod explore;
 mod gel;
 mod hand_eye;
 mod layering;

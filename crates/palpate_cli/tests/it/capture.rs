@@ -154,7 +154,7 @@ fn a_device_that_is_unplugged_is_waited_for() {
         .args(args)
         .env("PATH", path)
         .write_stdin(format!("{FIRST}{SECOND}"))
-        .timeout(std::time::Duration::from_secs(60))
+        .timeout(std::time::Duration::from_mins(1))
         .output()
         .expect("the program starts");
     let said = String::from_utf8_lossy(&output.stderr);

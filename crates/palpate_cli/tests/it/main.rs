@@ -5,6 +5,7 @@ mod calibrate;
 mod capture;
 mod compare;
 mod decode;
+mod explore;
 mod import;
 mod presses;
 mod reconstruct;

@@ -1,0 +1,91 @@
+//! `next-touch` and `explore` as processes.
+
+use crate::workshop::{Workshop, palpate};
+
+const COARSE: &[u8] = b"[reconstruct.implicit]\nspacing = 0.005\ndense_cells = 8000\n";
+
+#[test]
+fn next_touch_prints_poses_as_json_and_as_a_table() {
+    let shop = Workshop::detailed();
+    shop.put("plan.toml", COARSE);
+    let (scene, plan) = (shop.text("s"), shop.text("plan.toml"));
+    let args = ["next-touch", &scene, "--count", "2", "--candidates", "30", "--config", &plan];
+    palpate(args).expect(0, &["rank", "gain mm", "from anything measured"]);
+    let said = palpate(args.iter().chain(&["--json"]));
+    said.expect(0, &[]);
+    let report: serde_json::Value = serde_json::from_str(&said.out).expect("one JSON object");
+    let touches = report["touches"].as_array().expect("a list");
+    assert_eq!(touches.len(), 2);
+    let gain = |i: usize| touches[i]["expected_gain_mm"].as_f64().expect("a number");
+    assert!(gain(0) >= gain(1) && gain(1) > 0.0);
+    assert!(touches[0]["world_from_sensor"]["quaternion_xyzw"].as_array().is_some_and(|q| q.len() == 4));
+    // One thread or two: the same bytes.
+    let one = palpate(args.iter().chain(&["--json", "--threads", "1"]));
+    assert_eq!(one.out, said.out);
+}
+
+#[test]
+fn next_touch_says_what_is_wrong() {
+    let shop = Workshop::detailed();
+    shop.put("plan.toml", COARSE);
+    let (scene, reach) = (shop.text("s"), shop.text("reach.toml"));
+    palpate(["next-touch", &scene, "--count", "0"]).expect(1, &["--count is 0; at least 1"]);
+    palpate(["next-touch", &scene, "--reach", &shop.text("none.toml")]).expect(1, &["none.toml"]);
+    for (text, wanted) in [
+        (&b"keep_inn = []"[..], "keep_inn"),
+        (&b"\xff\xfe"[..], "reach.toml"),
+        (&b"approach = { direction = [0, 0, -1], max_angle_deg = 0 }"[..], "reach.approach.max_angle_deg is 0"),
+    ] {
+        shop.put("reach.toml", text);
+        palpate(["next-touch", &scene, "--reach", &reach]).expect(1, &[wanted, "reach.toml"]);
+    }
+    shop.put("reach.toml", b"workspace = { min = [5, 5, 5], max = [6, 6, 6] }");
+    let plan = shop.text("plan.toml");
+    palpate(["next-touch", &scene, "--reach", &reach, "--config", &plan]).expect(1, &["no reachable pose"]);
+    shop.edit("[support]\nnormal = [0.0, 0.0, 1.0]\noffset = -0.04\n", "");
+    palpate(["next-touch", &scene, "--config", &plan]).expect(1, &["no support plane is known", "[support]"]);
+}
+
+#[test]
+fn explore_writes_errors_a_table_and_a_plot_and_goes_on_where_it_stopped() {
+    let shop = Workshop::new();
+    shop.put("plan.toml", COARSE);
+    let (out, plan) = (shop.text("out"), shop.text("plan.toml"));
+    let run = |policy: &str| {
+        palpate([
+            "explore",
+            "primitive:cube",
+            "--touches",
+            "1",
+            "--candidates",
+            "3",
+            "--config",
+            &plan,
+            "--output",
+            &out,
+            "--policy",
+            policy,
+        ])
+    };
+    run("random").expect(0, &["| random | 1 | 1 |", "errors.csv"]);
+    let first = std::fs::read_to_string(shop.path("out/errors.csv")).expect("written");
+    assert_eq!(first.lines().count(), 2 + 2, "{first}");
+    run("random,next-best").expect(0, &["| next-best | 1 | 1 |"]);
+    let both = std::fs::read_to_string(shop.path("out/errors.csv")).expect("written");
+    assert!(first.lines().all(|line| both.contains(line)), "the earlier run is kept");
+    let svg = std::fs::read_to_string(shop.path("out/touches.svg")).expect("written");
+    assert!(svg.contains("next-best"));
+    shop.put("plan.toml", b"[reconstruct.implicit]\nspacing = 0.006\ndense_cells = 8000\n");
+    run("even").expect(1, &["other parameters"]);
+}
+
+#[test]
+fn explore_refuses_open_meshes_and_no_touches_and_writes_nothing() {
+    let shop = Workshop::new();
+    let out = shop.text("out");
+    shop.put("open.obj", b"v 0 0 0\nv 0.05 0 0\nv 0 0.05 0\nv 0 0 0.05\nf 1 3 2\nf 1 2 4\nf 1 4 3\n");
+    palpate(["explore", &shop.text("open.obj"), "--output", &out]).expect(1, &["'open' is not closed", "3 boundary"]);
+    palpate(["explore", "primitive:cube", "--touches", "0", "--output", &out]).expect(1, &["--touches is 0"]);
+    palpate(["explore", "primitive:cube", "--policy", "best", "--output", &out]).expect(2, &["next-best", "oracle"]);
+    assert!(!shop.path("out").exists());
+}
