@@ -90,9 +90,10 @@ fn touched_vertices_are_felt_and_surer_than_those_that_nothing_is_known_of() {
         s.get(s.len() / 2).copied()
     };
     let (felt, seen) = (median(VertexProvenance::Felt), median(VertexProvenance::Seen));
-    assert!(felt.expect("four touches") < seen.expect("the camera saw it"), "{felt:?} {seen:?}");
     let unsure = [VertexProvenance::Guessed, VertexProvenance::Extrapolated].into_iter().filter_map(median);
-    assert!(unsure.fold(0.0, f64::max) > seen.expect("the camera saw it"));
+    let unsure = unsure.fold(0.0, f64::max);
+    assert!(unsure > 1.5 * felt.expect("four touches"), "{felt:?} {unsure}");
+    assert!(unsure > 1.5 * seen.expect("the camera saw it"), "{seen:?} {unsure}");
 }
 
 #[test]
