@@ -203,7 +203,7 @@ fn exact_corners_give_the_exact_camera() {
 fn views_that_do_not_determine_the_camera_are_errors() {
     let keep = |views: &[BoardView]| calibrated(views, Fixed::default(), Outliers::Keep).expect_err("not determined");
     let one = ideal(&camera(), &poses()[1]);
-    let few = keep(&[one.clone()]).to_string();
+    let few = keep(std::slice::from_ref(&one)).to_string();
     assert!(few.contains("1 different views of the board (0 repeat others); at least 3"), "{few}");
     let repeated = keep(&vec![one.clone(); 6]).to_string();
     assert!(repeated.contains("1 different views of the board (5 repeat others)"), "{repeated}");

@@ -131,7 +131,8 @@ fn a_guarded_move_finds_the_surface_or_misses() {
     let candidates = planner.candidates(&mesh, 6, 1, &[]).expect("six places");
     let shifted = |by: f64| {
         let c = &candidates[0];
-        mesh.transformed(&palpate::geometry::Isometry::from_parts((-c.normal * by).into(), Default::default()))
+        let by = -c.normal * by;
+        mesh.transformed(&palpate::geometry::Isometry::translation(by.x, by.y, by.z))
     };
     // The surface lies 8 mm before or behind the place aimed at: the move stops there.
     for by in [-8e-3, 8e-3] {
