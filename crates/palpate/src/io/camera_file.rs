@@ -37,15 +37,7 @@ pub fn read_camera(path: impl AsRef<Path>) -> Result<CameraFile, IoError> {
     let wrong = |reason: String| IoError::Scene { path: path.to_owned(), reason };
     let toml: Toml = toml::from_str(&text).map_err(|e| wrong(e.to_string().trim_end().to_owned()))?;
     let c = toml.camera;
-    let camera = PinholeCamera {
-        width: c.width,
-        height: c.height,
-        fx: c.fx,
-        fy: c.fy,
-        cx: c.cx,
-        cy: c.cy,
-        distortion: c.distortion,
-    };
+    let camera = c.camera();
     camera.validate().map_err(|e| wrong(format!("[camera] {e}")))?;
     let pose = c.world_from_camera.map(|p| p.isometry()).transpose();
     let pose = pose.map_err(|e| wrong(format!("[camera] world_from_camera: {e}")))?;

@@ -3,7 +3,7 @@
 use super::error::read_bytes;
 use super::scene_format::{self, BackgroundToml, PoseToml, SceneToml, SensorToml, TouchToml};
 use super::{IoError, parse_depth_png, read_color, read_height_map_npy, read_mask, read_mesh};
-use crate::camera::{Background, DepthNoise, Frame, PinholeCamera};
+use crate::camera::{Background, DepthNoise, Frame};
 use crate::geometry::{Isometry, Plane, Point, Raster, Vector};
 use crate::scene::{PoseSigma, Scene};
 use crate::tactile::{Contact, RelaxedGel, TactileSensor, Touch};
@@ -154,15 +154,7 @@ impl Loader {
 
     fn frame(&mut self, toml: &SceneToml) -> Option<Frame> {
         let c = &toml.camera;
-        let camera = PinholeCamera {
-            width: c.width,
-            height: c.height,
-            fx: c.fx,
-            fy: c.fy,
-            cx: c.cx,
-            cy: c.cy,
-            distortion: c.distortion,
-        };
+        let camera = c.camera();
         if let Err(error) = camera.validate() {
             self.need(false, || format!("[camera] {error}"));
         }

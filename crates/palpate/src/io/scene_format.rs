@@ -1,6 +1,7 @@
 //! `scene.toml`, format 1: its keys as they stand in the file, and the text of a new one.
 
 use super::IoError;
+use crate::camera::PinholeCamera;
 use crate::geometry::Isometry;
 use nalgebra::{Quaternion, Translation3, UnitQuaternion};
 use serde::Deserialize;
@@ -58,6 +59,14 @@ pub(super) struct CameraToml {
     #[serde(default)]
     pub(super) distortion: [f64; 5],
     pub(super) world_from_camera: Option<PoseToml>,
+}
+
+impl CameraToml {
+    /// The camera, not validated.
+    pub(super) fn camera(&self) -> PinholeCamera {
+        let Self { width, height, fx, fy, cx, cy, distortion, .. } = *self;
+        PinholeCamera { width, height, fx, fy, cx, cy, distortion }
+    }
 }
 
 #[derive(Debug, Clone, Copy, Deserialize)]

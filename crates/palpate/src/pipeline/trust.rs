@@ -91,11 +91,9 @@ impl Trial {
         let (copies, sigma) = self.copies(symmetry, params);
         let widths: Vec<PoseSigma> = self.covariances.iter().map(width).collect();
         let found = objections(&self.evidence, &self.bare(), (&copies, &sigma), &widths, &params.touches.check);
-        let mut verdicts = found.iter();
-        let mut kept = vec![true; self.patches.len()];
-        for (i, (touch, _)) in self.patches.iter().enumerate() {
-            if let Some(objection) = verdicts.next().copied().flatten() {
-                kept[i] = false;
+        let kept: Vec<bool> = found.iter().map(Option::is_none).collect();
+        for ((touch, _), objection) in self.patches.iter().zip(&found) {
+            if let Some(objection) = objection {
                 warnings.push(Warning::TouchLeftOut { touch: *touch, reason: objection.to_string() });
             }
         }

@@ -69,15 +69,21 @@ pub(super) fn confidence(element: &SymmetryElement, score: &Score, params: &Symm
 ///
 /// An object that is exact in one plane is exact in its others, so a plane that is neither parallel nor perpendicular to a kept one is
 /// dropped if it is clearly more opposed, or if the rotation that the two imply is opposed. Of two almost parallel planes only one can be
-/// right. Planes through an accepted axis are spared: a body of revolution is symmetric in all of them. (A box with a nearly square base
+/// right. Of the planes through an accepted axis, which implies them all, one is kept, and planes oblique to it go. (A box with a nearly square base
 /// has a diagonal plane that is almost right.) A plane almost perpendicular to kept ones is made so if that costs it no score: the
 /// plane that faces the camera has little support of its own.
+///
+/// * `resting` – the plane half way up, if there is a support
 pub(super) fn resolve_conflicts(
     scorer: &Scorer,
     mut planes: Vec<Hypothesis>,
+    mut resting: Option<Hypothesis>,
     axis: Option<&Vector>,
 ) -> Vec<Hypothesis> {
-    settle_resting(&mut planes);
+    if let Some(resting) = &mut resting {
+        settle_resting(&mut planes, resting);
+    }
+    planes.extend(resting);
     let opposition = |h: &Hypothesis| h.score.opposition() / h.score.informative.max(1e-9);
     planes.sort_by(|a, b| opposition(a).total_cmp(&opposition(b)));
     let mut kept: Vec<usize> = Vec::new();
@@ -105,10 +111,9 @@ pub(super) fn resolve_conflicts(
     planes
 }
 
-/// Of the plane half way up (the last of `planes`) and the found planes almost parallel to it only one can be right: contact with the
-/// support decides for the former, unless a found one scores clearly better.
-fn settle_resting(planes: &mut [Hypothesis]) {
-    let Some((resting, found)) = planes.split_last_mut() else { return };
+/// Of the plane half way up and the found planes almost parallel to it only one can be right: contact with the support decides for the
+/// former, unless a found one scores clearly better.
+fn settle_resting(found: &mut [Hypothesis], resting: &mut Hypothesis) {
     let Some(plane) = plane_of(resting).filter(|_| resting.rejection.is_none()) else { return };
     for h in found {
         let parallel = plane_of(h).is_some_and(|p| p.normal.dot(&plane.normal).abs() > PARALLEL);
@@ -172,4 +177,32 @@ fn conflict(scorer: &Scorer, new: &Hypothesis, old: &Hypothesis, axis: Option<&V
     let mean = |f: fn(&Score) -> f64| 0.5 * (f(&scores[0]) + f(&scores[1]));
     let implied = mean(Score::opposition) > 0.25 * mean(|s| s.informative) + 0.02;
     implied.then_some(Rejection::Conflict { with: *q })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::evidence::testing::{Solid, view};
+    use crate::evidence::{Evidence, EvidenceParams};
+    use crate::geometry::Point;
+
+    #[test]
+    fn without_a_support_no_found_plane_is_taken_for_the_one_half_way_up() {
+        let center = Point::new(0.0, 0.0, 0.03);
+        let (frame, mut visible) = view(&[Solid::Box(center, Vector::new(0.045, 0.025, 0.03), 0.0)], 0.0);
+        visible.support = None;
+        let evidence = Evidence::gather(&frame, &visible, &[], &EvidenceParams::default()).expect("the box is seen");
+        let params = SymmetryParams::default();
+        let scorer = Scorer::new(&evidence, &params);
+        let accepted = |tilt: f64| {
+            let plane = Plane::new(Vector::new(tilt.cos(), tilt.sin(), 0.0), &center).expect("a direction");
+            let element = SymmetryElement::Reflection(plane);
+            let score = scorer.score(&element, &Tolerances::fine(&params), params.refine_samples);
+            Hypothesis { element, score, confidence: 1.0, covariance: None, rejection: None }
+        };
+        // The right plane, and after it the same one turned by 4 degrees.
+        let found = resolve_conflicts(&scorer, vec![accepted(0.0), accepted(0.07)], None, None);
+        let kept: Vec<Plane> = found.iter().filter(|h| h.rejection.is_none()).filter_map(plane_of).collect();
+        assert!(kept.len() == 1 && kept[0].normal.x.abs() > 0.9999, "{kept:?}");
+    }
 }

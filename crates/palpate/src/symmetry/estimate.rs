@@ -130,8 +130,8 @@ impl SymmetryEstimator for EvidenceSearch {
         let mut hypotheses: Vec<Hypothesis> =
             planes.par_iter().map(|(p, s)| hypothesis(&scorer, SymmetryElement::Reflection(*p), *s)).collect();
         hypotheses.extend(direction.and_then(|d| plane_across(&scorer, &d)));
-        hypotheses.extend(resting_plane(&scorer, direction.as_ref()));
-        for h in resolve_conflicts(&scorer, hypotheses, direction.as_ref()) {
+        let resting = resting_plane(&scorer, direction.as_ref());
+        for h in resolve_conflicts(&scorer, hypotheses, resting, direction.as_ref()) {
             if h.rejection.is_none() { &mut symmetry.accepted } else { &mut symmetry.rejected }.push(h);
         }
         symmetry.accepted.extend(sphere.map(|s| s.0));

@@ -57,7 +57,8 @@ pub struct SymmetryParams {
     /// Opposition allowed of the felt samples alone, for planes. Larger: touches that contradict a plane are outvoted by what is seen. A right
     /// plane has a few hundredths, an approximate one a tenth.
     pub felt_opposition: f64,
-    /// The same for axes. Smaller, since an axis claims more: handles are few of the touches.
+    /// The same for axes, of those whose samples land beside the surface more than a little: a touched handle violates an axis that is right,
+    /// but contradicts nothing. Larger: wrong axes outvote the touches.
     pub axis_felt_opposition: f64,
     /// Opposition allowed of a sphere. Larger: lemons pass as balls. Balls have at most 0.008.
     pub sphere_opposition: f64,
