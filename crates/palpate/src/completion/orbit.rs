@@ -1,3 +1,4 @@
+use super::correction::Correction;
 use super::motion::{Copying, copyings};
 use crate::evidence::{Evidence, Provenance, Sample};
 use crate::geometry::{KdTree, Point, Vector};
@@ -28,6 +29,8 @@ pub struct OrbitParams {
     /// What the normal of a moved sample counts, relative to its position. Larger: touches shift the guessed surface as a whole instead of
     /// denting it.
     pub orientation: f64,
+    /// Whether copies are moved by what touches say they miss nearby. Off leaves them where the symmetry puts them.
+    pub correct: bool,
 }
 
 impl Default for OrbitParams {
@@ -42,6 +45,7 @@ impl Default for OrbitParams {
             weight: 0.05,
             full_score: 0.4,
             orientation: 5.0,
+            correct: true,
         }
     }
 }
@@ -71,18 +75,25 @@ pub fn move_evidence(evidence: &Evidence, symmetry: &Symmetry, params: &OrbitPar
     let copyings = copyings(symmetry, copying_radius(evidence, symmetry), params.arc);
     let families = copyings.iter().map(|m| m.family).max().map_or(0, |f| f as usize + 1);
     let outcasts = outcasts(evidence, &copyings, families, params);
+    let corrections = if params.correct {
+        Correction::of_families(evidence, &copyings, families)
+    } else {
+        (0..families).map(|_| None).collect()
+    };
     let covered = Covered::new(&evidence.samples, params);
     let per_motion: Vec<_> = copyings
         .par_iter()
         .enumerate()
         .map(|(m, copying)| {
-            let motion = &copying.motion;
+            let (motion, correction) = (&copying.motion, &corrections[copying.family as usize]);
             let weight = params.weight * (copying.score / params.full_score).clamp(0.0, 1.0);
             let (mut kept, mut contradicted) = (Vec::new(), Vec::new());
             for (s, sample) in evidence.samples.iter().enumerate() {
+                let (position, normal) = (motion.point(&sample.position), motion.vector(&sample.normal));
+                let miss = correction.as_ref().map_or(0.0, |c| c.at(&position, &normal));
                 let moved = Sample {
-                    position: motion.point(&sample.position),
-                    normal: motion.vector(&sample.normal),
+                    position: position + normal * miss,
+                    normal,
                     sigma: sample.sigma.hypot(2e-3),
                     provenance: Provenance::Moved { motion: m as u32 },
                 };

@@ -17,6 +17,6 @@ pub use presses::{
 };
 pub use scene::{SimulateError, SimulateParams, SimulatedScene, place, simulate_scene};
 pub use shapes::Solid;
-pub use touches::{TactileImages, TouchParams};
+pub use touches::{TactileImages, TouchParams, TouchReach};
 pub(crate) use touches::{aim, sample_surface};
 pub use ycb_sight::{YcbSightObject, simulate_ycb_sight, ycb_sight_camera, ycb_sight_camera_pose};

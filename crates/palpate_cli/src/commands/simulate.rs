@@ -3,7 +3,7 @@ use crate::progress::progress_bar;
 use anyhow::{Context as _, bail};
 use palpate::geometry::TriangleMesh;
 use palpate::io::{SceneToWrite, read_mesh, write_mesh, write_scene, write_ycb_sight};
-use palpate::simulate::{SimulateParams, Solid, TactileImages, TouchParams, simulate_scene, simulate_ycb_sight};
+use palpate::simulate::{SimulateParams, Solid, TactileImages, TouchParams, TouchReach, simulate_scene, simulate_ycb_sight};
 use palpate::tactile::TactileSensor;
 use rayon::prelude::*;
 use std::path::{Path, PathBuf};
@@ -26,6 +26,9 @@ pub(crate) struct Args {
     /// Touches of each scene; the first of a larger number are the same
     #[arg(long, default_value_t = 20, value_name = "N")]
     touches: usize,
+    /// Which sides are touched: all, as in the YCB-Sight set, or what a robot reaches above the support
+    #[arg(long, value_enum, default_value_t = Reach::Whole)]
+    reach: Reach,
     /// Sensor: ycb-sight, gelsight-r15, gelsight-mini, digit
     #[arg(long, default_value = "ycb-sight", value_name = "PRESET")]
     sensor: String,
@@ -59,6 +62,14 @@ pub(crate) struct Args {
 enum Layout {
     Scene,
     YcbSight,
+}
+
+#[derive(Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+enum Reach {
+    /// The whole surface, the underside too
+    Whole,
+    /// Pad and sensor stay above the support plane: never the underside
+    AboveSupport,
 }
 
 #[derive(Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
@@ -144,6 +155,10 @@ impl Args {
                 .map_width
                 .unwrap_or_else(|| TactileSensor::preset(&self.sensor).map_or(320, |sensor| sensor.width.min(320))),
             candidates: params.touch.candidates.max(self.touches),
+            reach: match self.reach {
+                Reach::Whole => TouchReach::Whole,
+                Reach::AboveSupport => TouchReach::AboveSupport,
+            },
             images: match self.tactile_images {
                 Images::None => TactileImages::None,
                 Images::Plain => TactileImages::Plain,
