@@ -9,6 +9,8 @@ const OUTLIERS: f64 = 0.002;
 /// First and last step of the tilt, radians, and its most.
 const STEPS: [f64; 2] = [0.02, 0.0006];
 const MOST_TILT: f64 = 0.08;
+/// Share of the most tilt up to which an optimum counts as one.
+const INSIDE: f64 = 0.9;
 /// Score that a tilt must gain.
 const WORTH_TILTING: f64 = 0.01;
 /// Cosine from which an axis stands upright.
@@ -51,7 +53,9 @@ pub(super) fn resting_plane(scorer: &Scorer, axis: Option<&Vector>) -> Option<Hy
             step *= 0.5;
         }
     }
-    let (plane, score) = if best.1.value() > level.1.value() + WORTH_TILTING { best } else { level };
+    // An optimum at the end of the range is none: the object is alike above and below about no plane near level.
+    let inside = tilt[0].hypot(tilt[1]) < INSIDE * MOST_TILT;
+    let (plane, score) = if inside && best.1.value() > level.1.value() + WORTH_TILTING { best } else { level };
     let element = SymmetryElement::Reflection(plane);
     let allowed = params.resting_slack + params.resting_ratio * score.informative;
     let rejection = if score.opposition() > allowed {

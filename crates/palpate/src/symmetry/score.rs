@@ -95,6 +95,8 @@ const LEAST_FELT: f64 = 12.0;
 const HOLLOW_VOTES: usize = 1200;
 const HOLLOW_NEAR: f64 = 0.008;
 const HOLLOW_WIDTH: f64 = 0.004;
+/// A sample whose normal turns proves something from this distance on, metres.
+const OTHER_SIDE: f64 = 0.004;
 /// Length of the table of rotations for axes and spheres.
 const TURNS: usize = 64;
 
@@ -190,7 +192,7 @@ impl<'a> Scorer<'a> {
         for (k, s) in self.votes[..count].iter().enumerate() {
             let (p, n) = moved(k, s);
             let before = sum.opposition();
-            self.vote(&mut sum, tolerances, &s.position, &p, &n);
+            self.vote(&mut sum, tolerances, s, &p, &n);
             if s.provenance != Provenance::Seen {
                 felt += 1.0;
                 sum.felt_opposition += sum.opposition() - before;
@@ -221,7 +223,7 @@ impl<'a> Scorer<'a> {
 
     /// Adds the vote of one sample that moved from `before` to `p` with normal `n`.
     #[inline]
-    fn vote(&self, sum: &mut Score, t: &Tolerances, before: &Point, p: &Point, n: &Vector) {
+    fn vote(&self, sum: &mut Score, t: &Tolerances, before: &Sample, p: &Point, n: &Vector) {
         let mut depth = self.evidence.free_space.clearance(p);
         if depth < PAD_DEPTH && self.evidence.free_space.pad_clearance(p) > 0.0 {
             depth = PAD_DEPTH;
@@ -237,9 +239,11 @@ impl<'a> Scorer<'a> {
         if m.plane_offset < t.support {
             let agreement = ((m.agreement - AGREEMENT) / AGREEMENT_RANGE).min(1.0);
             let support = (1.0 - (m.plane_offset / t.support).powi(2)) * agreement;
-            let moved = (p - before).norm_squared() / self.params.informative_distance.powi(2);
+            let moved = (p - before.position).norm_squared();
+            // To the other side of a thin part is a short way, but another surface.
+            let turned = (1.0 - n.dot(&before.normal)) * 0.5 * (moved / OTHER_SIDE.powi(2)).min(1.0);
             sum.support += support;
-            sum.informative += support * moved.min(1.0);
+            sum.informative += support * (moved / self.params.informative_distance.powi(2)).min(1.0).max(turned);
         } else {
             sum.contradiction += ((m.plane_offset - t.support) / CONTRADICTION_RANGE).min(1.0);
         }
