@@ -4,8 +4,10 @@
 mod correction;
 mod eliminate;
 mod guess_sigma;
+mod kriging;
 mod motion;
 mod orbit;
+mod thickness;
 mod touch_check;
 mod touch_pose;
 

@@ -1,5 +1,6 @@
-use super::correction::Correction;
+use super::correction::corrections;
 use super::motion::{Copying, copyings};
+use super::thickness::far_sides;
 use crate::evidence::{Evidence, Provenance, Sample};
 use crate::geometry::{KdTree, Point, Vector};
 use crate::symmetry::Symmetry;
@@ -31,6 +32,8 @@ pub struct OrbitParams {
     pub orientation: f64,
     /// Whether copies are moved by what touches say they miss nearby. Off leaves them where the symmetry puts them.
     pub correct: bool,
+    /// Whether parts of which one side is known are guessed to be as thick as they are nearby.
+    pub far_sides: bool,
 }
 
 impl Default for OrbitParams {
@@ -46,6 +49,7 @@ impl Default for OrbitParams {
             full_score: 0.4,
             orientation: 5.0,
             correct: true,
+            far_sides: true,
         }
     }
 }
@@ -57,6 +61,10 @@ pub struct MovedEvidence {
     pub kept: Vec<Sample>,
     /// Weight of each kept guess against a measurement.
     pub weights: Vec<f64>,
+    /// Guessed far sides of thin parts.
+    pub far_sides: Vec<Sample>,
+    /// Weight of each of them.
+    pub far_weights: Vec<f64>,
     /// Guesses that lie in proven free space.
     pub contradicted: Vec<Sample>,
     /// The copies made; `Provenance::Moved` points into it.
@@ -69,17 +77,14 @@ pub struct MovedEvidence {
 /// dropped at every angle, with its neighbours; for a reflection the neighbours of a violating sample are dropped too.
 /// O(samples · motions · log samples).
 pub fn move_evidence(evidence: &Evidence, symmetry: &Symmetry, params: &OrbitParams) -> MovedEvidence {
-    if symmetry.accepted.is_empty() || evidence.samples.is_empty() {
+    if evidence.samples.is_empty() {
         return MovedEvidence::default();
     }
     let copyings = copyings(symmetry, copying_radius(evidence, symmetry), params.arc);
     let families = copyings.iter().map(|m| m.family).max().map_or(0, |f| f as usize + 1);
     let outcasts = outcasts(evidence, &copyings, families, params);
-    let corrections = if params.correct {
-        Correction::of_families(evidence, &copyings, families)
-    } else {
-        (0..families).map(|_| None).collect()
-    };
+    let corrections =
+        if params.correct { corrections(evidence, &copyings, families) } else { (0..families).map(|_| None).collect() };
     let covered = Covered::new(&evidence.samples, params);
     let per_motion: Vec<_> = copyings
         .par_iter()
@@ -90,7 +95,7 @@ pub fn move_evidence(evidence: &Evidence, symmetry: &Symmetry, params: &OrbitPar
             let (mut kept, mut contradicted) = (Vec::new(), Vec::new());
             for (s, sample) in evidence.samples.iter().enumerate() {
                 let (position, normal) = (motion.point(&sample.position), motion.vector(&sample.normal));
-                let miss = correction.as_ref().map_or(0.0, |c| c.at(&position, &normal));
+                let miss = correction.as_ref().map_or(0.0, |c| c.mean(&(position, normal)));
                 let moved = Sample {
                     position: position + normal * miss,
                     normal,
@@ -111,6 +116,9 @@ pub fn move_evidence(evidence: &Evidence, symmetry: &Symmetry, params: &OrbitPar
         out.weights.extend(std::iter::repeat_n(weight, kept.len()));
         out.kept.extend(kept);
         out.contradicted.extend(contradicted);
+    }
+    if params.far_sides {
+        (out.far_sides, out.far_weights) = far_sides(evidence, &out, params);
     }
     out
 }
@@ -170,7 +178,7 @@ fn outcasts(evidence: &Evidence, copyings: &[Copying], families: usize, params: 
 
 /// Whether a measured sample of agreeing normal is near: the distance counts position and normal together, so the inner wall of a
 /// bowl does not cover a guess of the outer one.
-struct Covered<'a> {
+pub(super) struct Covered<'a> {
     samples: &'a [Sample],
     tree: KdTree,
     radius: f64,
@@ -178,13 +186,13 @@ struct Covered<'a> {
 }
 
 impl<'a> Covered<'a> {
-    fn new(samples: &'a [Sample], params: &OrbitParams) -> Self {
+    pub(super) fn new(samples: &'a [Sample], params: &OrbitParams) -> Self {
         let points: Vec<Point> = samples.iter().map(|s| s.position).collect();
         let tree = KdTree::new(&points);
         Self { samples, tree, radius: params.measured_radius, normal_scale: params.normal_scale }
     }
 
-    fn holds(&self, p: &Point, n: &Vector) -> bool {
+    pub(super) fn holds(&self, p: &Point, n: &Vector) -> bool {
         self.tree.nearest_n(p, 8).iter().any(|&(i, distance)| {
             let s = &self.samples[i];
             distance < self.radius

@@ -90,7 +90,8 @@ fn guessed_samples(moved: &MovedEvidence, orientation: f64) -> Vec<WeightedSampl
         weight,
         orientation: weight * orientation,
     };
-    moved.kept.iter().zip(&moved.weights).map(sample).collect()
+    let far = moved.far_sides.iter().zip(&moved.far_weights);
+    moved.kept.iter().zip(&moved.weights).chain(far).map(sample).collect()
 }
 
 fn implicit_mesh(

@@ -320,6 +320,34 @@ mod tests {
     }
 
     #[test]
+    fn a_slanted_top_over_a_level_bottom_is_not_alike_above_and_below() {
+        let mesh = crate::simulate::Solid::named("bracket").expect("listed").mesh(1e-4, 3e-3);
+        let mut params = crate::simulate::SimulateParams::default();
+        params.touch.count = 0;
+        let scene = crate::simulate::simulate_scene("bracket", &mesh, &params).expect("valid").scene;
+        let visible = crate::camera::segment_object(&scene.frame, &Default::default()).expect("seen");
+        let evidence = Evidence::gather(&scene.frame, &visible, &[], &EvidenceParams::default()).expect("seen");
+        let params = SymmetryParams::default();
+        let resting = resting_plane(&Scorer::new(&evidence, &params), None).expect("there is a support");
+        let SymmetryElement::Reflection(plane) = resting.element else { panic!("{resting:?}") };
+        assert!(plane.normal.z.abs() > 0.9999, "{plane:?}");
+    }
+
+    #[test]
+    fn the_two_sides_of_a_thin_board_support_the_plane_between_them() {
+        let center = Point::new(0.0, 0.0, 0.03);
+        let solids = [Solid::Box(center, Vector::new(0.03, 0.025, 0.0025), 0.3)];
+        let at = |k: i32| Vector::new(f64::from(k % 3 - 1) * 0.016, f64::from(k / 3 - 1) * 0.014, 0.0);
+        let below: Vec<Patch> = (0..9).map(|k| touch(&solids, Point::from(at(k)), center + at(k))).collect();
+        let (params, evidence) = (SymmetryParams::default(), evidence(&solids, &below));
+        let scorer = Scorer::new(&evidence, &params);
+        let plane = Plane::new(Vector::z(), &center).expect("a direction");
+        let score = scorer.score(&SymmetryElement::Reflection(plane), &Tolerances::fine(&params), 800);
+        assert!(score.support > 0.6, "{score:?}");
+        assert!(score.informative > 0.5 * score.support, "{score:?}");
+    }
+
+    #[test]
     fn a_cone_is_not_alike_above_and_below() {
         let level = Point::new(0.0, 0.0, 0.02);
         let solids = [Solid::Cylinder(level, 0.04, 0.02), Solid::Cylinder(Point::new(0.0, 0.0, 0.055), 0.02, 0.015)];

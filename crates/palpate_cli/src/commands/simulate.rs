@@ -3,7 +3,9 @@ use crate::progress::progress_bar;
 use anyhow::{Context as _, bail};
 use palpate::geometry::TriangleMesh;
 use palpate::io::{SceneToWrite, read_mesh, write_mesh, write_scene, write_ycb_sight};
-use palpate::simulate::{SimulateParams, Solid, TactileImages, TouchParams, TouchReach, simulate_scene, simulate_ycb_sight};
+use palpate::simulate::{
+    SimulateParams, Solid, TactileImages, TouchParams, TouchReach, simulate_scene, simulate_ycb_sight,
+};
 use palpate::tactile::TactileSensor;
 use rayon::prelude::*;
 use std::path::{Path, PathBuf};
