@@ -200,6 +200,9 @@ impl PointCloud2 {
         let fields = r.sequence(|r| Ok((r.string()?, r.u32()? as usize, r.u8()?, r.u32()?)))?;
         let (big_endian, step, row_step) = (r.u8()? != 0, r.u32()? as usize, r.u32()? as usize);
         let data = r.bytes()?;
+        if height == 0 || width == 0 {
+            return Err(format!("a cloud of {width}×{height} points is empty"));
+        }
         let offset = |name: &str| {
             let field =
                 fields.iter().find(|f| f.0 == name).ok_or_else(|| format!("the cloud has no field '{name}'"))?;

@@ -10,8 +10,8 @@ use std::fmt::Write as _;
 use std::io::Write as _;
 use std::path::Path;
 
-/// The only format so far.
-const FORMAT: i64 = 1;
+/// Since 2 the map `quadratic` gives the tilt of the normal; in 1 it gave the slope.
+const FORMAT: i64 = 2;
 
 /// A calibrated sensor.
 #[derive(Debug, Clone)]

@@ -14,6 +14,13 @@ const TERMS: usize = COLORS * PLACES;
 ///
 /// The change is taken relative to the light that falls there, so that a dim corner reads as the bright middle does. A look-up
 /// table needs each colour to have been seen; this needs five to ten presses of a ball.
+///
+/// The quadratic gives the normal's tilt t = g / √(1 + |g|²), not the slope g: matt gel is as bright as its normal is turned to the
+/// lights (Lambert), so colours are nearly linear in t, and across a ball t is linear in the place where g runs off to infinity.
+///
+/// # References
+/// Johnson & Adelson, *Retrographic sensing for the measurement of surface texture and shape*, CVPR 2009 (normals from colours by
+/// pressing a ball).
 #[derive(Debug, Clone, PartialEq)]
 pub struct SlopeRegressor {
     weights: Vec<[f32; 2]>,
@@ -55,6 +62,8 @@ impl SlopeRegressor {
     const MIN_SAMPLES: usize = 1000;
     /// Added to the no-contact image before dividing, grey levels: black pixels are all noise.
     const DARK: f32 = 10.0;
+    /// Largest tilt that is believed: 72° from the relaxed gel.
+    const MOST_TILT: f32 = 0.95;
 
     /// Solves for the coefficients by least squares.
     ///
@@ -78,7 +87,8 @@ impl SlopeRegressor {
             }
             let features = DVector::from_iterator(TERMS, features.iter().map(|&f| f64::from(f)));
             normal.syger(1.0, &features, &features, 1.0);
-            (0..2).for_each(|k| right[k].axpy(f64::from(sample.slope[k]), &features, 1.0));
+            let tilt = tilt(sample.slope);
+            (0..2).for_each(|k| right[k].axpy(f64::from(tilt[k]), &features, 1.0));
             found += 1;
         }
         if found < Self::MIN_SAMPLES {
@@ -117,7 +127,7 @@ impl SlopeRegressor {
         relative
     }
 
-    /// Its coefficients: for each term, its share of the slope along columns and along rows.
+    /// Its coefficients: for each term, its share of the tilt along columns and along rows.
     pub fn weights(&self) -> &[[f32; 2]] {
         &self.weights
     }
@@ -137,8 +147,18 @@ impl SlopeRegressor {
     #[inline]
     pub fn slope(&self, relative: [f32; 3], place: [f32; 2]) -> [f32; 2] {
         let pairs = features(relative, place).into_iter().zip(&self.weights);
-        pairs.fold([0.0; 2], |[x, y], (f, w)| [x + f * w[0], y + f * w[1]])
+        let [x, y] = pairs.fold([0.0; 2], |[x, y], (f, w)| [x + f * w[0], y + f * w[1]]);
+        let (size, most) = (x.hypot(y), Self::MOST_TILT);
+        let held = if size > most { most / size } else { 1.0 };
+        let scale = held / (1.0 - (held * size).powi(2)).sqrt();
+        [scale * x, scale * y]
     }
+}
+
+/// A slope as the sine of its angle: g / √(1 + |g|²).
+fn tilt([x, y]: [f32; 2]) -> [f32; 2] {
+    let length = (1.0 + x * x + y * y).sqrt();
+    [x / length, y / length]
 }
 
 /// −1 to 1 along columns and rows.
@@ -227,7 +247,9 @@ mod tests {
             } else {
                 steepest * ((28.0 - r) / (28.0 - CONTACT)).clamp(0.0, 1.0)
             };
-            let (gx, gy) = (-slope * dx / r, -slope * dy / r);
+            // Matt: as bright as its normal is turned.
+            let tilt = slope / (1.0 + slope * slope).sqrt();
+            let (gx, gy) = (-tilt * dx / r, -tilt * dy / r);
             let light = light(row, col);
             let gain = [0.6 * gx + 0.2 * gy + 0.1 * gx * gx, 0.5 * gy, 0.3 * gy - 0.5 * gx];
             std::array::from_fn(|k| (light[k] * (1.0 + gain[k])).round() as u8)
@@ -263,6 +285,26 @@ mod tests {
             .collect();
         let sphere = Sphere::fit(&points).expect("curved");
         assert!((sphere.radius / (BALL * pitch) - 1.0).abs() < 0.05, "{} {}", sphere.radius, BALL * pitch);
+    }
+
+    /// A matt ball's colours are linear in its normals: learnt from gentle slopes, the map holds for steep ones, and stays finite.
+    #[test]
+    fn slopes_beyond_those_learnt_follow_the_normals() {
+        let colors = |[x, y]: [f32; 2]| [0.5 * x + 0.1 * y, 0.4 * y - 0.2 * x, 0.3 * x - 0.4 * y];
+        let sample = |i: usize| {
+            let (angle, tilt) = (0.1 * i as f32, 0.6 * (i % 40) as f32 / 40.0);
+            let (sin, cos) = angle.sin_cos();
+            let normal = [tilt * cos, tilt * sin];
+            let place = [(i % 7) as f32 / 7.0 - 0.5, (i % 11) as f32 / 11.0 - 0.5];
+            let slope = normal.map(|t| t / (1.0 - tilt * tilt).sqrt());
+            SlopeSample { relative: colors(normal), place, slope }
+        };
+        let map = SlopeRegressor::fit((0..4000).map(sample), 1e-3).expect("enough");
+        // A tilt of 0.8 is a slope of 4/3; 0.6 was the most that was seen.
+        let [x, y] = map.slope(colors([0.8, 0.0]), [0.1, 0.1]);
+        assert!((x - 4.0 / 3.0).abs() < 0.05 && y.abs() < 0.02, "{x} {y}");
+        let [x, y] = map.slope(colors([3.0, 0.0]), [0.1, 0.1]);
+        assert!(x.is_finite() && x < 3.1 && y.is_finite(), "{x} {y}");
     }
 
     #[test]

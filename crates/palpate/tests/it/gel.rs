@@ -24,7 +24,9 @@ fn press([x, y]: [f64; 2], ball: f64) -> Image {
         } else {
             steepest * ((skirt - r) / (skirt - contact)).clamp(0.0, 1.0)
         };
-        let (gx, gy) = (-slope * dx / r, -slope * dy / r);
+        // Matt: as bright as its normal is turned.
+        let tilt = slope / (1.0 + slope * slope).sqrt();
+        let (gx, gy) = (-tilt * dx / r, -tilt * dy / r);
         let gain = [0.6 * gx + 0.2 * gy + 0.1 * gx * gx, 0.5 * gy, 0.3 * gy - 0.5 * gx];
         let light = light(row, col);
         std::array::from_fn(|k| (light[k] * (1.0 + gain[k])).round() as u8)

@@ -12,7 +12,8 @@ use std::path::PathBuf;
   palpate register --depth depth.png --color color.png --depth-camera infrared.toml --color-camera color.toml \\
     --extrinsics extrinsics.toml --output registered
 
-Writes depth.png, color.png and camera.toml of one raster: that of the depth camera, or with --to color that of the colour camera. Then:
+Writes depth.png, color.png and camera.toml of one raster: that of the depth camera, or with --to color that of the colour camera. depth.png keeps the
+unit of the depth image: where --metres-per-unit was given, `palpate init` needs it too. Then:
   palpate init --depth registered/depth.png --color registered/color.png --intrinsics registered/camera.toml --output SCENE")]
 pub(crate) struct Args {
     /// Depth image, 16-bit PNG
@@ -103,5 +104,15 @@ pub(crate) fn run(args: Args) -> anyhow::Result<Outcome> {
     write_camera(args.output.join("camera.toml"), &file, &toml::Table::new())?;
     let readings = depth.as_slice().iter().filter(|z| z.is_finite()).count();
     println!("{}: {readings} readings of {}", args.output.display(), depth.as_slice().len());
+    // Depth keeps its unit; taken for another, the object would be ten times as large.
+    let unit = if args.metres_per_unit == 0.001 {
+        String::new()
+    } else {
+        format!(" --metres-per-unit {}", args.metres_per_unit)
+    };
+    let folder = args.output.display();
+    println!(
+        "next: palpate init --depth {folder}/depth.png --color {folder}/color.png --intrinsics {folder}/camera.toml{unit} --output SCENE"
+    );
     Ok(Outcome::Done)
 }

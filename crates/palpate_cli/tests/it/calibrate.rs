@@ -2,7 +2,7 @@
 
 use crate::workshop::{Said, palpate};
 use palpate::geometry::{Point, Raster, Sphere};
-use palpate::io::{read_height_map_npy, write_color};
+use palpate::io::{read_camera, read_height_map_npy, write_color};
 
 type Image = Raster<[u8; 3]>;
 
@@ -28,10 +28,15 @@ impl Bench {
     }
 
     fn camera(&self, board: &str, images: &[&str]) -> Said {
+        self.camera_with(board, images, &[])
+    }
+
+    fn camera_with(&self, board: &str, images: &[&str], flags: &[&str]) -> Said {
         let mut args = vec!["calibrate".to_owned(), "camera".to_owned()];
         args.extend(images.iter().map(|name| self.path(name)));
         args.extend(["--board", board, "--square", "0.02", "--output"].map(str::to_owned));
         args.push(self.path("camera.toml"));
+        args.extend(flags.iter().map(|f| (*f).to_owned()));
         palpate(args)
     }
 
@@ -83,6 +88,55 @@ fn images_without_a_board_are_named_and_nothing_is_written() {
     assert!(!bench.exists("camera.toml"));
 }
 
+/// A board of 5×4 inner corners of 20 mm, 0.26 m in front of a camera of f = 300 px, tilted about x and y, four rays a pixel.
+fn tilted(about_x: f64, about_y: f64, aside: f64) -> Image {
+    let (sx, cx) = about_x.sin_cos();
+    let (sy, cy) = about_y.sin_cos();
+    // Columns of the rotation R = Ry Rx: the board's axes and its normal in the camera.
+    let axes = [[cy, 0.0, -sy], [sy * sx, cx, cy * sx], [sy * cx, -sx, cy * cx]];
+    let dot = |a: [f64; 3], b: [f64; 3]| a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+    let middle = [aside, 0.5 * aside, 0.26];
+    let shade = |u: f64, v: f64| {
+        let ray = [(u - 159.5) / 300.0, (v - 119.5) / 300.0, 1.0];
+        let t = dot(axes[2], middle) / dot(axes[2], ray);
+        let on = [t * ray[0] - middle[0], t * ray[1] - middle[1], t - middle[2]];
+        let (c, r) = (dot(on, axes[0]) / 0.02 + 3.0, dot(on, axes[1]) / 0.02 + 2.5);
+        let inside = (0.0..6.0).contains(&c) && (0.0..5.0).contains(&r);
+        let dark = (c.floor() + r.floor()).rem_euclid(2.0) == 0.0;
+        if inside && dark { 30.0 } else { 220.0 }
+    };
+    Raster::from_fn(240, 320, |row, col| {
+        let part = |i: usize| if i == 0 { -0.25 } else { 0.25 };
+        let sum: f64 = (0..4).map(|i| shade(col as f64 + part(i % 2), row as f64 + part(i / 2))).sum();
+        [(sum / 4.0).round() as u8; 3]
+    })
+}
+
+#[test]
+fn images_without_a_board_among_good_ones_are_left_out_and_named() {
+    let bench = Bench::new();
+    let views =
+        [(0.5, 0.0, 0.0), (-0.5, 0.1, 0.03), (0.1, 0.5, -0.03), (0.0, -0.5, 0.02), (0.4, 0.4, -0.02), (-0.3, 0.4, 0.0)];
+    let names: Vec<String> = (0..views.len()).map(|i| format!("{i}.png")).collect();
+    for (name, (x, y, aside)) in names.iter().zip(views) {
+        bench.put(name, &tilted(x, y, aside));
+    }
+    let good: Vec<&str> = names.iter().map(String::as_str).collect();
+    // Boards in the middle alone do not tell the lens.
+    let flags = ["--fix", "distortion"];
+    bench.camera_with("5x4", &good, &flags).expect(0, &["camera.toml: 6 views"]);
+    let file = std::fs::read_to_string(bench.path("camera.toml")).expect("written");
+    let fx = read_camera(bench.path("camera.toml")).expect("a camera").camera.fx;
+    assert!((fx / 300.0 - 1.0).abs() < 0.01, "{fx}");
+    bench.put("flat.png", &Raster::filled(240, 320, [90; 3]));
+    std::fs::write(bench.path("torn.png"), b"\x89PNG").expect("written");
+    let some = [&good[..], &["flat.png", "torn.png"]].concat();
+    bench
+        .camera_with("5x4", &some, &flags)
+        .expect(3, &["flat.png: ", "no contrast", "torn.png", "camera.toml: 6 views"]);
+    assert_eq!(std::fs::read_to_string(bench.path("camera.toml")).expect("written"), file, "they change nothing");
+}
+
 const BALL: f64 = 25.0;
 const CONTACT: f64 = 17.0;
 const PITCH: f64 = 8e-5;
@@ -100,7 +154,10 @@ fn background() -> Image {
 /// The gel with slopes (0 to 1) as a function of the place.
 fn gel(slope: impl Fn(f64, f64) -> [f64; 2]) -> Image {
     Raster::from_fn(120, 160, |row, col| {
-        let [gx, gy] = slope(col as f64, row as f64);
+        // Matt: as bright as its normal is turned.
+        let slope = slope(col as f64, row as f64);
+        let length = (1.0 + slope[0] * slope[0] + slope[1] * slope[1]).sqrt();
+        let [gx, gy] = slope.map(|g| g / length);
         let gain = [0.6 * gx + 0.2 * gy + 0.1 * gx * gx, 0.5 * gy, 0.3 * gy - 0.5 * gx];
         let light = light(row, col);
         std::array::from_fn(|k| (light[k] * (1.0 + gain[k])).round() as u8)
@@ -236,7 +293,7 @@ fn a_sensor_file_that_is_wrong_names_its_key() {
         ])
     };
     for (from, to, said) in [
-        ("format = 1", "format = 2", "format = 2; this version reads"),
+        ("format = 2", "format = 1", "format = 1; this version reads format = 2"),
         ("map = \"quadratic\"", "map = \"cubic\"", "known: quadratic, network, table"),
         ("weights = [", "weights = [1.0, ", "109 numbers are not a map"),
         ("pixel_pitch = 8e-5", "pixel_pitch = 0.08", "pixel_pitch is 0.08 m"),

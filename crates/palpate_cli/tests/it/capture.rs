@@ -16,7 +16,7 @@ fn frame(depth: f64) -> Raster<[u8; 3]> {
 }
 
 /// Twelve frames of nothing, then so many presses, let go in between.
-fn record(folder: &Path, presses: usize) {
+pub(crate) fn record(folder: &Path, presses: usize) {
     std::fs::create_dir_all(folder).expect("made");
     let mut depths = vec![0.0; 12];
     for _ in 0..presses {
@@ -143,13 +143,23 @@ fn a_device_that_is_unplugged_is_waited_for() {
     ppm("part0", &[&[0.0; 12][..], &press].concat());
     ppm("part1", &[&[1.0; 8][..], &[0.0; 4], &press].concat());
     shop.put("video0", b"").put("count", b"0");
-    let script = "#!/bin/sh\ncd \"$(dirname \"$0\")\"\nn=$(cat count)\necho $((n + 1)) > count\ncat part$n\necho 'No such device' >&2\nexit 1\n";
+    // The device file goes with the cable.
+    let script = "#!/bin/sh\ncd \"$(dirname \"$0\")\"\nn=$(cat count)\necho $((n + 1)) > count\ncat part$n\nrm video0\necho 'No such device' >&2\nexit 1\n";
     shop.put("ffmpeg", script.as_bytes());
     std::fs::set_permissions(shop.path("ffmpeg"), std::fs::Permissions::from_mode(0o755)).expect("set");
     let path =
         format!("{}:{}", shop.path("s").parent().expect("a folder").display(), std::env::var("PATH").expect("set"));
     let (device, scene) = (shop.text("video0"), shop.text("s"));
     let args = ["capture", "touch", "--device", &device, "--pose", "-", "--touches", "2", "--output", &scene];
+    let plug = shop.path("video0");
+    let hand = std::thread::spawn(move || {
+        while plug.exists() {
+            std::thread::sleep(std::time::Duration::from_millis(20));
+        }
+        // Longer than capture waits between two looks.
+        std::thread::sleep(std::time::Duration::from_millis(700));
+        std::fs::write(plug, b"")
+    });
     let output = Command::new(assert_cmd::cargo::cargo_bin!("palpate"))
         .args(args)
         .env("PATH", path)
@@ -157,6 +167,7 @@ fn a_device_that_is_unplugged_is_waited_for() {
         .timeout(std::time::Duration::from_mins(1))
         .output()
         .expect("the program starts");
+    hand.join().expect("plugged in again").expect("written");
     let said = String::from_utf8_lossy(&output.stderr);
     assert!(output.status.success(), "{said}");
     assert!(said.contains("video0 is gone") && said.contains("No such device") && said.contains("waiting"), "{said}");

@@ -3,12 +3,14 @@
 mod bad_input;
 mod calibrate;
 mod capture;
+mod capture_sockets;
 mod compare;
 mod decode;
 mod explore;
 mod import;
 mod presses;
 mod reconstruct;
+mod register;
 mod render;
 mod scene_folder;
 mod simulate;

@@ -1,4 +1,6 @@
 //! One integration binary: linking is what costs.
 
+mod bag;
 mod folders;
+mod hostile;
 mod recording;

@@ -1,5 +1,5 @@
-//! Recordings written by others: `fixtures/bench.mcap` by the Python package `mcap`; where Python has it and `rosbags`, every compression and
-//! a rosbag2 folder are written anew by `fixtures/make_recording.py`.
+//! Recordings written by others: `fixtures/bench.mcap` and `packed.mcap` by the Python package `mcap`; where Python has it and `rosbags`,
+//! every compression and a rosbag2 folder are written anew by `fixtures/make_recording.py`.
 
 use palpate::geometry::Vector;
 use palpate::io::{SceneToWrite, read_scene, write_scene};
@@ -12,7 +12,12 @@ fn fixture() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/it/fixtures/bench.mcap")
 }
 
-fn spec(path: &Path) -> RecordingSpec {
+/// The same moments as a cloud and as PNG and JPEG.
+fn packed_fixture() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/it/fixtures/packed.mcap")
+}
+
+pub(crate) fn spec(path: &Path) -> RecordingSpec {
     RecordingSpec {
         path: path.to_owned(),
         depth: "/camera/depth".into(),
@@ -56,6 +61,47 @@ fn check(imported: &Imported) {
     assert_eq!(imported.tactile_background.as_ref().expect("the first")[(24, 38)], [128, 134, 139]);
 }
 
+fn packed(path: &Path, depth: &str) -> RecordingSpec {
+    RecordingSpec {
+        depth: depth.into(),
+        color: Some("/camera/color/compressed".into()),
+        tactile: Some("/gel/image/compressed".into()),
+        ..spec(path)
+    }
+}
+
+/// Depth by any way is the depth of the other fixture; colours are exact as PNG and near as JPEG.
+fn check_packed(path: &Path) {
+    let plain = import_recording(&spec(&fixture())).expect("complete").scene.frame.depth;
+    for topic in ["/camera/points", "/camera/depth/compressed", "/camera/depth/compressedDepth"] {
+        let imported = import_recording(&packed(path, topic)).unwrap_or_else(|e| panic!("{topic}: {e}"));
+        let frame = &imported.scene.frame;
+        assert_eq!(frame.depth.shape(), plain.shape());
+        for (found, needed) in frame.depth.as_slice().iter().zip(plain.as_slice()) {
+            assert!((found - needed).abs() < 1e-6 || found.is_nan() && needed.is_nan(), "{topic}: {found} {needed}");
+        }
+        assert_eq!(frame.color.as_ref().expect("recorded")[(3, 4)], [15, 12, 7], "bgr8 became RGB");
+        let background = imported.tactile_background.as_ref().expect("the first")[(24, 38)];
+        let near = background.iter().zip([128u8, 134, 139]).all(|(a, b)| a.abs_diff(b) <= 4);
+        assert!(near, "{background:?}");
+        assert_eq!(imported.scene.touches.len(), 2);
+        assert!(imported.scene.touches[1].image.as_ref().expect("an image")[(24, 38)][0] > 145);
+    }
+}
+
+#[test]
+fn clouds_and_compressed_images_give_the_same_scene() {
+    check_packed(&packed_fixture());
+    let depth_alone = |topic| RecordingSpec { color: None, ..packed(&packed_fixture(), topic) };
+    let wrong = fails(&depth_alone("/gel/image/compressed"));
+    assert!(wrong.contains("'rgb8; jpeg compressed bgr8' is not a PNG; 16UC1 as PNG is needed"), "{wrong}");
+    let wrong = fails(&depth_alone("/camera/color/compressed"));
+    assert!(wrong.contains("a depth image is 16-bit grey"), "{wrong}");
+    let cloud = RecordingSpec { color: Some("/camera/points".into()), ..packed(&packed_fixture(), "/camera/points") };
+    let wrong = fails(&cloud);
+    assert!(wrong.contains("'sensor_msgs/msg/PointCloud2'; sensor_msgs/msg/Image or CompressedImage"), "{wrong}");
+}
+
 #[test]
 fn a_recording_of_another_program_becomes_a_scene() {
     let topics = summarise(&fixture(), false).expect("readable");
@@ -82,21 +128,26 @@ fn a_recording_of_another_program_becomes_a_scene() {
 fn every_compression_and_rosbag2_are_read() {
     let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/it/fixtures/make_recording.py");
     let python = std::env::var("PALPATE_PYTHON").unwrap_or_else(|_| "python3".into());
-    let has = Command::new(&python).args(["-c", "import mcap_ros2, rosbags, numpy"]).output();
+    let has = Command::new(&python).args(["-c", "import mcap_ros2, rosbags, numpy, PIL"]).output();
     if !has.is_ok_and(|o| o.status.success()) {
-        eprintln!("SKIPPED: recordings made anew: {python} lacks mcap-ros2-support, rosbags or numpy");
+        eprintln!("SKIPPED: recordings made anew: {python} lacks mcap-ros2-support, rosbags, numpy or pillow");
         return;
     }
     let folder = tempfile::tempdir().expect("temporary folder");
-    for compression in ["zstd", "lz4", "none"] {
-        let file = folder.path().join(format!("{compression}.mcap"));
-        let bag = folder.path().join(format!("bag_{compression}"));
-        let run =
-            Command::new(&python).arg(&script).args([&file, Path::new(compression), &bag]).output().expect("runs");
+    let make = |compression: &str, what: &str| {
+        let file = folder.path().join(format!("{compression}_{what}.mcap"));
+        let bag = folder.path().join(format!("bag_{compression}_{what}"));
+        let args = [&file, Path::new(compression), &bag, Path::new(what)];
+        let run = Command::new(&python).arg(&script).args(args).output().expect("runs");
         assert!(run.status.success(), "{}", String::from_utf8_lossy(&run.stderr));
-        check(&import_recording(&spec(&file)).expect("complete"));
-        check(&import_recording(&spec(&bag)).expect("complete"));
+        [file, bag]
+    };
+    for compression in ["zstd", "lz4", "none"] {
+        for path in make(compression, "plain") {
+            check(&import_recording(&spec(&path)).expect("complete"));
+        }
     }
+    make("zstd", "packed").iter().for_each(|path| check_packed(path));
 }
 
 fn fails(spec: &RecordingSpec) -> String {

@@ -71,7 +71,7 @@ impl Board {
 /// How boards are looked for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct BoardSearch {
-    /// Half the side of the window in which a corner is refined, pixels; `None`: two fifths of the distance to the next corner, 10 at
+    /// Half the side of the window in which a corner is refined, pixels; `None`: 0.35 of the distance to the next corner, 10 at
     /// most. A window that reaches over the board's edge pulls the outer corners to it; a small one is noisier.
     pub window: Option<usize>,
 }

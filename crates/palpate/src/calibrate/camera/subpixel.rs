@@ -7,6 +7,12 @@ const STEPS: usize = 40;
 /// Step at which it ends, pixels.
 const SMALL: f64 = 1e-3;
 
+/// Half the side of the default window, as a share of the way to the next corner. Boards drawn with a known camera (docs/bench-guide.md)
+/// set it: 0.3 is noisier where squares are small, 0.45 reaches over the edge of a board whose outer squares are cut.
+const WINDOW_SHARE: f64 = 0.35;
+/// Its bounds, pixels.
+const WINDOW: [f64; 2] = [2.0, 10.0];
+
 /// Refines the corners of a board, row by row.
 ///
 /// At the corner q the image's gradient g at every point p near it is square to p − q, whether p lies on an edge (the gradient is
@@ -35,7 +41,7 @@ pub(super) fn refine(
     for (i, corner) in corners.iter_mut().enumerate() {
         let spacing = nearest(i);
         // The window must not reach the next corner.
-        let half = window.map_or((0.4 * spacing).clamp(2.0, 10.0) as i32, |w| w as i32);
+        let half = window.map_or((WINDOW_SHARE * spacing).clamp(WINDOW[0], WINDOW[1]) as i32, |w| w as i32);
         let near = |p: &[f64; 2]| (p[0] - rough[i][0]).hypot(p[1] - rough[i][1]) < (0.3 * spacing).max(1.5);
         if let Some(place) = step_to_corner(image, rough[i], half).filter(near) {
             *corner = place;
@@ -45,7 +51,7 @@ pub(super) fn refine(
 
 /// A corner that the detector missed, if there is one near the guess.
 pub(super) fn find_missing(image: &Raster<f32>, guess: [f64; 2], spacing: f64) -> Option<[f64; 2]> {
-    let half = (0.35 * spacing).clamp(2.0, 10.0) as i32;
+    let half = (WINDOW_SHARE * spacing).clamp(WINDOW[0], WINDOW[1]) as i32;
     let place = step_to_corner(image, guess, half)?;
     let moved = (place[0] - guess[0]).hypot(place[1] - guess[1]);
     // Two bright and two dark quarters, opposite ones alike.

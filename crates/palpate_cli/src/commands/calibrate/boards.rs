@@ -16,7 +16,7 @@ pub(crate) struct BoardArgs {
     /// Side of a square, metres
     #[arg(long, value_name = "M")]
     square: f64,
-    /// Half the side of the window in which a corner is refined, pixels [default: 2/5 of the way to the next, at most 10]
+    /// Half the side of the window in which a corner is refined, pixels [default: 0.35 of the way to the next, at most 10]
     #[arg(long, value_name = "PX")]
     corner_window: Option<usize>,
 }

@@ -37,7 +37,7 @@ SCENE exists already (`palpate init`, `palpate import`). The gel must be free at
 it has been still for five frames; lift off before the next. The device may be unplugged and come back. Ctrl-C ends; the scene is complete at any moment.
 
 --pose: - (a line on standard input for each touch, when it is asked for), file:PATH (what the file holds at that moment), tcp:HOST:PORT or unix:PATH
-(palpate listens; the last line counts). A pose is one line: seven numbers x y z qx qy qz qw, metres, or JSON
+(palpate listens; the last line counts, for one touch: a robot that sends its pose once sends it anew for each). A pose is one line: seven numbers x y z qx qy qz qw, metres, or JSON
 {\"translation\": [x, y, z], \"quaternion_xyzw\": [x, y, z, w]}. It is the sensor's; with --hand-eye it is the hand's.
 
 Devices and videos are read through the program `ffmpeg`. Exit status 3: a contact was lost because it had no pose.")]

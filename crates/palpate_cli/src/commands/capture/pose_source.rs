@@ -1,6 +1,6 @@
 //! Where a touch's pose comes from.
 
-use anyhow::{Context as _, bail};
+use anyhow::{Context as _, anyhow, bail};
 use palpate::geometry::Isometry;
 use palpate::io;
 use std::io::{BufRead as _, BufReader, Read};
@@ -16,7 +16,7 @@ pub(super) enum PoseSource {
     Input,
     /// What the file holds.
     File(PathBuf),
-    /// The last line that was sent.
+    /// The last line that was sent since the touch before.
     Listener(Arc<Mutex<Option<String>>>, String),
 }
 
@@ -30,6 +30,9 @@ impl PoseSource {
             Some(("file", path)) => Ok(Self::File(PathBuf::from(path))),
             Some(("tcp", address)) => {
                 let listener = std::net::TcpListener::bind(address).with_context(|| format!("listening on {text}"))?;
+                // Port 0 takes any that is free.
+                let local = listener.local_addr().with_context(|| format!("listening on {text}"))?;
+                eprintln!("palpate: poses are expected on tcp:{local}");
                 let shared = Arc::clone(&last);
                 std::thread::spawn(move || {
                     for stream in listener.incoming().flatten() {
@@ -84,12 +87,21 @@ impl PoseSource {
             }
             Self::Listener(last, name) => {
                 let deadline = Instant::now() + timeout;
+                let mut wrong = None;
                 loop {
-                    let line = last.lock().unwrap_or_else(PoisonError::into_inner).clone();
-                    match line {
-                        Some(line) => return parse(&line).with_context(|| name.clone()),
-                        None if Instant::now() >= deadline => bail!("no pose for touch {number} came from {name}"),
-                        None => std::thread::sleep(Duration::from_millis(20)),
+                    // Taken, not copied: where the robot has fallen silent, the pose of the touch before is not this one's.
+                    let line = last.lock().unwrap_or_else(PoisonError::into_inner).take();
+                    match line.map(|line| parse(&line)) {
+                        Some(Ok(pose)) => return Ok(pose),
+                        // The next line may be sound.
+                        Some(Err(error)) => wrong = Some(error),
+                        None if Instant::now() < deadline => std::thread::sleep(Duration::from_millis(20)),
+                        None => {
+                            let missing = format!("no pose for touch {number} came from {name}");
+                            return Err(
+                                wrong.map_or_else(|| anyhow!("{missing}"), |error| error.context(missing.clone()))
+                            );
+                        }
                     }
                 }
             }
@@ -97,15 +109,19 @@ impl PoseSource {
     }
 }
 
-/// Keeps the last line that a robot sent.
+/// Keeps the last line that a robot sent, until it goes away.
 fn keep_last(stream: impl Read, last: &Mutex<Option<String>>) {
     let mut reader = BufReader::new(stream);
     loop {
-        let mut line = String::new();
-        match reader.by_ref().take(LONGEST).read_line(&mut line) {
+        let mut line = Vec::new();
+        match reader.by_ref().take(LONGEST).read_until(b'\n', &mut line) {
             Ok(0) | Err(_) => return,
-            Ok(_) if line.trim().is_empty() => {}
-            Ok(_) => *last.lock().unwrap_or_else(PoisonError::into_inner) = Some(line),
+            Ok(_) if line.trim_ascii().is_empty() => {}
+            // What is no text is no pose either, and is said to be none.
+            Ok(_) => {
+                let line = String::from_utf8_lossy(&line).into_owned();
+                *last.lock().unwrap_or_else(PoisonError::into_inner) = Some(line);
+            }
         }
     }
 }
@@ -158,11 +174,33 @@ mod tests {
         assert!(source.is_ok());
         let last = Mutex::new(None);
         let (mut robot, palpate) = std::os::unix::net::UnixStream::pair().expect("a pair");
-        robot.write_all(b"0 0 1 0 0 0 1\n\n0 0 2 0 0 0 1\n").expect("sent");
+        robot.write_all(b"0 0 1 0 0 0 1\n\n\xff\xfe no text\n0 0 2 0 0 0 1\n").expect("sent");
         drop(robot);
         keep_last(palpate, &last);
         let line = last.into_inner().expect("not poisoned").expect("a line");
         assert_eq!(parse(&line).expect("a pose").translation.z, 2.0);
+    }
+
+    #[test]
+    fn a_pose_is_used_once_and_a_wrong_line_waits_for_a_sound_one() {
+        let last = Arc::new(Mutex::new(Some("0 0 1 0 0 0 1\n".to_owned())));
+        let source = PoseSource::Listener(Arc::clone(&last), "tcp:robot".to_owned());
+        let short = Duration::from_millis(30);
+        assert_eq!(source.next(short, 4).expect("sent").translation.z, 1.0);
+        let silent = source.next(short, 5).expect_err("the robot is silent").to_string();
+        assert_eq!(silent, "no pose for touch 5 came from tcp:robot");
+        let say = |line: &str| *last.lock().expect("not poisoned") = Some(line.to_owned());
+        say("hello");
+        let wrong = format!("{:#}", source.next(short, 6).expect_err("no pose"));
+        assert!(wrong.contains("touch 6") && wrong.contains("'hello' is no pose: seven numbers"), "{wrong}");
+        say("hello");
+        std::thread::scope(|scope| {
+            scope.spawn(|| {
+                std::thread::sleep(Duration::from_millis(100));
+                say("0 0 2 0 0 0 1");
+            });
+            assert_eq!(source.next(Duration::from_secs(60), 7).expect("sent later").translation.z, 2.0);
+        });
     }
 
     #[test]
