@@ -221,6 +221,13 @@ impl<'a> Scorer<'a> {
         votes.iter().filter(misfit).count() as f64 / votes.len().max(1) as f64
     }
 
+    /// The vote of one sample that moved to `p` with normal `n`.
+    pub(super) fn of_one(&self, before: &Sample, p: &Point, n: &Vector, tolerances: &Tolerances) -> Score {
+        let mut sum = Score::default();
+        self.vote(&mut sum, tolerances, before, p, n);
+        sum
+    }
+
     /// Adds the vote of one sample that moved from `before` to `p` with normal `n`.
     #[inline]
     fn vote(&self, sum: &mut Score, t: &Tolerances, before: &Sample, p: &Point, n: &Vector) {

@@ -5,16 +5,18 @@ use palpate::evidence::{Evidence, EvidenceParams};
 use palpate::io;
 use palpate::scene::Scene;
 use palpate::symmetry::{
-    EvidenceSearch, Hypothesis, Rejection, SymmetryElement, SymmetryEstimator as _, SymmetryParams,
+    EvidenceSearch, Hypothesis, Rejection, Symmetry, SymmetryElement, SymmetryEstimator as _, SymmetryParams,
+    verdict_cloud, verdicts,
 };
 use palpate::tactile::{LiftParams, Patch, lift};
 use serde::Serialize;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 const EXAMPLES: &str = "\
 Examples:
   palpate symmetry scene
   palpate symmetry scene --max-touches 0 --json
+  palpate symmetry scene --keep verdicts       # then look at verdicts/*.ply in MeshLab
 
 Every seen and felt sample is moved by a hypothesis and looked up: `support` is the share that lands on a measured surface from
 elsewhere, `against` what lands in free space or beside a surface, `new` the share that lands where nothing is known.
@@ -29,6 +31,10 @@ pub(crate) struct Args {
     /// Print one JSON object instead of a table.
     #[arg(long)]
     json: bool,
+    /// Folder for one cloud per hypothesis: the evidence moved by it, coloured by verdict: green supports, red lies in free space, orange
+    /// lies beside a surface, grey says nothing.
+    #[arg(long, value_name = "DIR")]
+    keep: Option<PathBuf>,
     /// Use only the first N touches.
     #[arg(long, value_name = "N")]
     max_touches: Option<usize>,
@@ -102,6 +108,9 @@ pub(crate) fn run(args: Args) -> anyhow::Result<Outcome> {
     let evidence = Evidence::gather(&scene.frame, &visible, &patches, &params).context("gathering evidence")?;
     let search = EvidenceSearch { params: SymmetryParams { seed: args.seed, ..SymmetryParams::default() } };
     let symmetry = search.estimate(&evidence);
+    if let Some(folder) = &args.keep {
+        keep(folder, &evidence, &symmetry, &search.params)?;
+    }
     let report = Report {
         name: &scene.name,
         samples: evidence.samples.len(),
@@ -115,6 +124,18 @@ pub(crate) fn run(args: Args) -> anyhow::Result<Outcome> {
         print_table(&report);
     }
     Ok(if lost == 0 { Outcome::Done } else { Outcome::Degraded })
+}
+
+/// Writes the evidence as each hypothesis moves it: `accepted_00_axis.ply`, `rejected_00_reflection.ply`, …, in the order of the table.
+fn keep(folder: &Path, evidence: &Evidence, symmetry: &Symmetry, params: &SymmetryParams) -> anyhow::Result<()> {
+    io::create_folder(folder)?;
+    for (name, hypotheses) in [("accepted", &symmetry.accepted), ("rejected", &symmetry.rejected)] {
+        for (i, hypothesis) in hypotheses.iter().enumerate() {
+            let cloud = verdict_cloud(&verdicts(evidence, &hypothesis.element, params));
+            io::write_cloud(folder.join(format!("{name}_{i:02}_{}.ply", hypothesis.element.kind())), &cloud)?;
+        }
+    }
+    Ok(())
 }
 
 /// The patches of the first `count` touches, and how many touches had to be left out.

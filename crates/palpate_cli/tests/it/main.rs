@@ -15,6 +15,7 @@ mod render;
 mod scene_folder;
 mod simulate;
 mod surface;
+mod symmetry;
 #[cfg(feature = "nn")]
 mod train;
 mod workshop;
