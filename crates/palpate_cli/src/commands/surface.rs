@@ -62,9 +62,9 @@ struct BallArgs {
     /// Ball radii, metres, any number; default 1.5, 2.5, 4 and 6 times the spacing of the points
     #[arg(long, value_name = "R", num_args = 1..)]
     radius: Vec<f64>,
-    /// Rounds of moving the points onto the surface of their neighbours first, for noise near the spacing
-    #[arg(long, value_name = "ROUNDS", default_value_t = 0, hide_default_value = true)]
-    project: u32,
+    /// Rounds of moving the points onto the surface of their neighbours first; 0 leaves them as they are; default: one if their noise is near their spacing
+    #[arg(long, value_name = "ROUNDS")]
+    project: Option<u32>,
 }
 
 impl Args {

@@ -1,7 +1,8 @@
 use super::BallPivotingParams;
 use super::front::Front;
 use super::grid::Grid;
-use super::prepare::{checked_normals, distinct, jittered, median_spacing, projected, thinned};
+use super::prepare::{checked_normals, distinct, jittered, median_spacing, thinned};
+use super::project::{Quality, projected};
 use crate::geometry::{Aabb, KdTree, Point, PointCloud, TriangleMesh, Vector, drop_small_pieces, split_fans};
 use crate::surface::{SurfaceError, fill_holes};
 use std::collections::VecDeque;
@@ -34,8 +35,11 @@ pub fn ball_pivoting(cloud: &PointCloud, params: &BallPivotingParams) -> Result<
     params.validate()?;
     let mut normals = checked_normals(cloud)?;
     let mut place = cloud.points.clone();
-    for _ in 0..params.project {
-        (place, normals) = projected(&place, &normals);
+    if params.project != Some(0) {
+        let quality = Quality::of(cloud, &normals);
+        for _ in 0..params.project.unwrap_or_else(|| quality.rounds()) {
+            (place, normals) = projected(&place, &normals, quality.radius());
+        }
     }
     let mut kept = distinct(&place);
     if kept.len() < 3 {

@@ -88,8 +88,9 @@ pub(super) type Cell = [i16; 3];
 pub(super) fn locate(place: [f64; 3], depth: u32) -> (Cell, [f64; 3]) {
     let n = (1_u32 << depth) as f64;
     let scaled = place.map(|c| c * n);
-    let cell = scaled.map(|c| c.floor().clamp(0.0, n - 1.0));
-    (cell.map(|c| c as i16), [scaled[0] - cell[0], scaled[1] - cell[1], scaled[2] - cell[2]])
+    // Truncation is the floor of what is not negative, and what is ends in cell 0 either way.
+    let cell = scaled.map(|c| (c as i32).clamp(0, n as i32 - 1));
+    (cell.map(|c| c as i16), std::array::from_fn(|k| scaled[k] - f64::from(cell[k])))
 }
 
 fn code(place: [f64; 3]) -> u64 {
