@@ -23,6 +23,8 @@ pub(crate) struct Args {
     #[command(flatten)]
     balls: BallArgs,
     #[command(flatten)]
+    implicit: ImplicitArgs,
+    #[command(flatten)]
     clean_up: CleanUp,
 }
 
@@ -67,6 +69,14 @@ struct BallArgs {
     project: Option<u32>,
 }
 
+#[derive(clap::Args)]
+#[command(next_help_heading = "Implicit")]
+struct ImplicitArgs {
+    /// Edge of the finest cells, metres; larger is smoother and faster; default: 1.3 times the spacing of the points
+    #[arg(long, value_name = "METRES", conflicts_with_all = ["depth", "radius", "project"])]
+    cell: Option<f64>,
+}
+
 impl Args {
     fn mesh(&self, cloud: &PointCloud) -> anyhow::Result<TriangleMesh> {
         Ok(match self.method {
@@ -76,7 +86,7 @@ impl Args {
                 ball_pivoting(cloud, &params)?
             }
             Method::Poisson => self.poisson(cloud)?,
-            Method::Implicit => implicit_surface(cloud, &ImplicitParams::default())?,
+            Method::Implicit => implicit_surface(cloud, self.implicit.cell, &ImplicitParams::default())?,
         })
     }
 

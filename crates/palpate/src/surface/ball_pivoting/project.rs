@@ -1,7 +1,7 @@
 //! Points moved onto the surface of their neighbours before balls roll over them.
 
 use super::grid::Grid;
-use crate::geometry::{Point, PointCloud, Vector};
+use crate::geometry::{Point, Vector};
 use crate::surface::poisson::noise_and_spacing;
 
 /// Noise over spacing up to which balls manage by themselves …
@@ -27,8 +27,8 @@ pub(super) struct Quality {
 }
 
 impl Quality {
-    pub(super) fn of(cloud: &PointCloud, normals: &[Vector]) -> Self {
-        let (noise, spacing) = noise_and_spacing(cloud, normals);
+    pub(super) fn of(points: &[Point], normals: &[Vector]) -> Self {
+        let (noise, spacing) = noise_and_spacing(points, normals);
         Self { noise, spacing }
     }
 
@@ -57,17 +57,16 @@ pub(super) fn projected(points: &[Point], normals: &[Vector], radius: f64) -> (V
     if radius <= 0.0 {
         return (points.to_vec(), normals.to_vec());
     }
-    let grid = Grid::new(points, REACH * radius);
-    let moved = grid.map_near(|i, p, near| {
-        let n = normals[i as usize];
+    let reach = (REACH * radius).powi(2);
+    let moved = Grid::new(points, REACH * radius).map_near(normals, |i, p, near| {
+        let n = normals[i];
         let (mut mean, mut offset, mut total) = (Vector::zeros(), 0.0, 0.0);
-        for (j, q) in near {
-            let m = normals[*j as usize];
-            let (chord, sum) = (q - p, n + m);
-            let off = chord.dot(&sum) / sum.norm();
-            let along = (chord.norm_squared() - off * off) / (radius * radius);
-            if along < REACH * REACH && n.dot(&m) > AGREEMENT {
-                let w = (-0.5 * along).exp();
+        for (q, m) in near {
+            let chord = q - p;
+            let (squared, cosine) = (chord.norm_squared(), n.dot(m));
+            if squared < reach && cosine > AGREEMENT {
+                let off = chord.dot(&(n + m)) / (2.0 + 2.0 * cosine).sqrt();
+                let w = (-0.5 * (squared - off * off) / (radius * radius)).exp();
                 mean += m * w;
                 offset += w * off;
                 total += w;

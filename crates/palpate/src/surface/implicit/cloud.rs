@@ -6,11 +6,16 @@ const LEAST_POINTS: usize = 10;
 
 /// The implicit surface of an oriented cloud about which nothing else is known: no free space, no guesses.
 ///
-/// `params.spacing` is replaced by 1.3 times the median spacing of the points, so that any scale works.
+/// * `cell` – edge of the finest cells, metres; larger is smoother and faster. `None`: 1.3 times the median spacing of the points. Either takes the place of
+///   `params.spacing`, so that any scale works
 ///
 /// # Errors
-/// [`SurfaceError`] for a cloud without normals, with too few points, or with coordinates or normals that are not finite.
-pub fn implicit_surface(cloud: &PointCloud, params: &ImplicitParams) -> Result<TriangleMesh, SurfaceError> {
+/// [`SurfaceError`] for a cloud without normals, with too few points, with coordinates or normals that are not finite, or for a cell that is not positive.
+pub fn implicit_surface(
+    cloud: &PointCloud,
+    cell: Option<f64>,
+    params: &ImplicitParams,
+) -> Result<TriangleMesh, SurfaceError> {
     params.validate()?;
     let normals = cloud.normals.as_ref().ok_or(SurfaceError::NoNormals)?;
     if cloud.len() < LEAST_POINTS {
@@ -27,7 +32,11 @@ pub fn implicit_surface(cloud: &PointCloud, params: &ImplicitParams) -> Result<T
         measured.push(WeightedSample { position: *p, normal, weight: 1.0, orientation: 1.0 });
     }
     let bounds = cloud.bounds().ok_or(SurfaceError::TooFewPoints { found: 0, needed: LEAST_POINTS })?;
-    let spacing = 1.3 * median_spacing(cloud);
+    if let Some(cell) = cell.filter(|c| !(c.is_finite() && *c > 0.0)) {
+        let rule = "must be positive and finite, metres";
+        return Err(SurfaceError::InvalidParameter { field: "cell", value: cell.to_string(), rule });
+    }
+    let spacing = cell.unwrap_or_else(|| 1.3 * median_spacing(cloud));
     if !(spacing > 0.0 && spacing.is_finite()) {
         return Err(SurfaceError::TooFewPoints { found: 1, needed: LEAST_POINTS });
     }
@@ -86,7 +95,7 @@ mod tests {
                 .collect();
             let points = normals.iter().map(|n| Point::from(n * radius)).collect();
             let cloud = PointCloud::with_normals(points, normals).expect("as many normals as points");
-            let mesh = implicit_surface(&cloud, &ImplicitParams::default()).expect("a ball has a surface");
+            let mesh = implicit_surface(&cloud, None, &ImplicitParams::default()).expect("a ball has a surface");
             assert!(Topology::of(&mesh).is_watertight());
             let volume = 4.0 / 3.0 * std::f64::consts::PI * radius.powi(3);
             assert!((mesh.volume() / volume - 1.0).abs() < 0.02, "{} of {volume}", mesh.volume());
@@ -94,8 +103,27 @@ mod tests {
     }
 
     #[test]
+    fn the_cell_can_be_stated_and_must_be_sound() {
+        let normals: Vec<Vector> = (0..2000)
+            .map(|i| {
+                let (z, a) = (1.0 - (2 * i + 1) as f64 / 2000.0, 2.399_963 * f64::from(i));
+                let r = (1.0 - z * z).sqrt();
+                Vector::new(r * a.cos(), r * a.sin(), z)
+            })
+            .collect();
+        let points = normals.iter().map(|n| Point::from(n * 0.05)).collect();
+        let cloud = PointCloud::with_normals(points, normals).expect("as many normals as points");
+        let faces = |cell| implicit_surface(&cloud, Some(cell), &ImplicitParams::default()).map(|m| m.faces.len());
+        let (coarse, fine) = (faces(8e-3).expect("a surface"), faces(4e-3).expect("a surface"));
+        assert!((3.5..4.5).contains(&(fine as f64 / coarse as f64)), "{coarse} {fine}");
+        for cell in [0.0, -1.0, f64::NAN, f64::INFINITY] {
+            assert!(matches!(faces(cell), Err(SurfaceError::InvalidParameter { field: "cell", .. })));
+        }
+    }
+
+    #[test]
     fn a_cloud_of_one_place_is_an_error() {
         let cloud = PointCloud::with_normals(vec![Point::origin(); 20], vec![Vector::z(); 20]).expect("equal numbers");
-        assert!(implicit_surface(&cloud, &ImplicitParams::default()).is_err());
+        assert!(implicit_surface(&cloud, None, &ImplicitParams::default()).is_err());
     }
 }

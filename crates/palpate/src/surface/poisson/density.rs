@@ -160,7 +160,7 @@ fn for_around(cells: &Lattice, cell: Cell, mut f: impl FnMut(usize, usize)) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geometry::{Point, PointCloud, Vector};
+    use crate::geometry::{Point, Vector};
 
     #[test]
     fn a_plane_reads_its_density_at_any_offset() {
@@ -170,9 +170,8 @@ mod tests {
             let points: Vec<Point> = (0..10_000)
                 .map(|i| Point::new(0.2 + 0.006 * (i % 100) as f64, 0.2 + 0.006 * (i / 100) as f64, offset))
                 .collect();
-            let cloud = PointCloud { points, ..PointCloud::default() };
             let chosen: Vec<u32> = (0..10_000).collect();
-            let samples = Samples::new(&cloud, &vec![Vector::z(); 10_000], None, &chosen, Point::origin(), 1.0);
+            let samples = Samples::new(&points, &vec![Vector::z(); 10_000], None, &chosen, Point::origin(), 1.0);
             let readings = Density::new(&samples, 8).at(&[[0.5, 0.51, offset], [0.5, 0.51, 0.01]]);
             let (middle, far) = (readings[0], readings[1]);
             assert!((middle.count / per_area - 1.0).abs() < 0.1, "{} against {per_area}", middle.count);

@@ -59,7 +59,7 @@ impl Domain {
         let smallest = params.scale * longest;
         let sorted = |edge: f64| {
             let origin = bounds.center() - Vector::repeat(0.5 * edge);
-            (Samples::new(cloud, normals, weights, chosen, origin, edge), origin)
+            (Samples::new(&cloud.points, normals, weights, chosen, origin, edge), origin)
         };
         let (samples, origin) = sorted(smallest);
         let distinct = samples.distinct();
@@ -97,14 +97,14 @@ fn automatic_cell(longest: f64, noise: f64, spacing: f64) -> f64 {
 }
 
 /// Standard deviation of points along their unit normals, and their median spacing, metres; zero for none or one place.
-pub(in crate::surface) fn noise_and_spacing(cloud: &PointCloud, normals: &[Vector]) -> (f64, f64) {
-    let Some(bounds) = Aabb::of(&cloud.points) else { return (0.0, 0.0) };
+pub(in crate::surface) fn noise_and_spacing(points: &[Point], normals: &[Vector]) -> (f64, f64) {
+    let Some(bounds) = Aabb::of(points) else { return (0.0, 0.0) };
     let edge = bounds.size().max();
     if !(edge > 0.0 && edge.is_finite()) {
         return (0.0, 0.0);
     }
-    let chosen: Vec<u32> = (0..cloud.len() as u32).collect();
-    let samples = Samples::new(cloud, normals, None, &chosen, bounds.min, edge);
+    let chosen: Vec<u32> = (0..points.len() as u32).collect();
+    let samples = Samples::new(points, normals, None, &chosen, bounds.min, edge);
     let spacing = median_spacing(&samples);
     (edge * noise::deviation(&samples, spacing), edge * spacing)
 }

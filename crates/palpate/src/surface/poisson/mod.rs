@@ -18,6 +18,7 @@ mod solve;
 mod system;
 
 pub(super) use domain::noise_and_spacing;
+pub(super) use octree::octree_order;
 pub use params::{Boundary, PoissonParams};
 
 use crate::geometry::{PointCloud, TriangleMesh, Vector};

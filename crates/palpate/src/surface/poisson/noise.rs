@@ -79,7 +79,7 @@ fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geometry::{Point, PointCloud, Vector};
+    use crate::geometry::{Point, Vector};
     use rand::{RngExt, SeedableRng};
     use rand_distr::{Distribution, Normal};
     use rand_pcg::Pcg64Mcg;
@@ -98,9 +98,8 @@ mod tests {
                     normals.push(n);
                 }
             }
-            let cloud = PointCloud { points, ..PointCloud::default() };
             let chosen: Vec<u32> = (0..4000).collect();
-            let samples = Samples::new(&cloud, &normals, None, &chosen, Point::new(-0.5, -0.5, -0.5), 1.0);
+            let samples = Samples::new(&points, &normals, None, &chosen, Point::new(-0.5, -0.5, -0.5), 1.0);
             let found = deviation(&samples, 0.3 * (4.0 * std::f64::consts::PI / 4000.0_f64).sqrt());
             assert!((found - sigma).abs() < 0.08 * sigma + 1e-6, "{found} for {sigma}");
         }
