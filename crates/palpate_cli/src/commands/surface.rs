@@ -72,7 +72,7 @@ struct BallArgs {
 #[derive(clap::Args)]
 #[command(next_help_heading = "Implicit")]
 struct ImplicitArgs {
-    /// Edge of the finest cells, metres; larger is smoother and faster; default: 1.3 times the spacing of the points
+    /// Edge of the finest cells, metres; larger is smoother and faster; default: from the spacing and the noise of the points
     #[arg(long, value_name = "METRES", conflicts_with_all = ["depth", "radius", "project"])]
     cell: Option<f64>,
 }

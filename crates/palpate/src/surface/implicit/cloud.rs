@@ -1,13 +1,14 @@
 use super::{ImplicitParams, ImplicitProblem, WeightedSample, solve_implicit};
-use crate::geometry::{KdTree, PointCloud, TriangleMesh};
+use crate::geometry::{PointCloud, TriangleMesh};
 use crate::surface::SurfaceError;
+use crate::surface::poisson::wanted_cell;
 
 const LEAST_POINTS: usize = 10;
 
 /// The implicit surface of an oriented cloud about which nothing else is known: no free space, no guesses.
 ///
-/// * `cell` – edge of the finest cells, metres; larger is smoother and faster. `None`: 1.3 times the median spacing of the points. Either takes the place of
-///   `params.spacing`, so that any scale works
+/// * `cell` – edge of the finest cells, metres; larger is smoother and faster. `None`: from spacing and noise of the points, as in
+///   [`super::screened_poisson`]. Either takes the place of `params.spacing`, so that any scale works
 ///
 /// # Errors
 /// [`SurfaceError`] for a cloud without normals, with too few points, with coordinates or normals that are not finite, or for a cell that is not positive.
@@ -21,7 +22,7 @@ pub fn implicit_surface(
     if cloud.len() < LEAST_POINTS {
         return Err(SurfaceError::TooFewPoints { found: cloud.len(), needed: LEAST_POINTS });
     }
-    let mut measured = Vec::with_capacity(cloud.len());
+    let (mut measured, mut unit) = (Vec::with_capacity(cloud.len()), Vec::with_capacity(cloud.len()));
     for (index, (p, n)) in cloud.points.iter().zip(normals).enumerate() {
         if !p.iter().chain(n.iter()).all(|c| c.is_finite()) {
             return Err(SurfaceError::NotFinite { index });
@@ -29,6 +30,7 @@ pub fn implicit_surface(
         let Some(normal) = n.try_normalize(1e-300) else {
             return Err(SurfaceError::ZeroNormal { index, length: n.norm() });
         };
+        unit.push(normal);
         measured.push(WeightedSample { position: *p, normal, weight: 1.0, orientation: 1.0 });
     }
     let bounds = cloud.bounds().ok_or(SurfaceError::TooFewPoints { found: 0, needed: LEAST_POINTS })?;
@@ -36,7 +38,7 @@ pub fn implicit_surface(
         let rule = "must be positive and finite, metres";
         return Err(SurfaceError::InvalidParameter { field: "cell", value: cell.to_string(), rule });
     }
-    let spacing = cell.unwrap_or_else(|| 1.3 * median_spacing(cloud));
+    let spacing = cell.unwrap_or_else(|| wanted_cell(&cloud.points, &unit));
     if !(spacing > 0.0 && spacing.is_finite()) {
         return Err(SurfaceError::TooFewPoints { found: 1, needed: LEAST_POINTS });
     }
@@ -58,23 +60,6 @@ pub fn implicit_surface(
         return Err(SurfaceError::NoSurface { points: cloud.len(), reason });
     }
     Ok(mesh)
-}
-
-/// Median distance of a point to its nearest neighbour elsewhere, over at most 2,000 points spread through the cloud.
-fn median_spacing(cloud: &PointCloud) -> f64 {
-    let tree = KdTree::new(&cloud.points);
-    let step = (cloud.len() / 2000).max(1);
-    let mut distances: Vec<f64> = cloud
-        .points
-        .iter()
-        .step_by(step)
-        .filter_map(|p| tree.nearest_n(p, 4).into_iter().map(|n| n.1).find(|&d| d > 0.0))
-        .collect();
-    if distances.is_empty() {
-        return 0.0;
-    }
-    let middle = distances.len() / 2;
-    *distances.select_nth_unstable_by(middle, f64::total_cmp).1
 }
 
 #[cfg(test)]

@@ -96,6 +96,12 @@ fn automatic_cell(longest: f64, noise: f64, spacing: f64) -> f64 {
     noisy.max(CELL_PER_SPACING * spacing)
 }
 
+/// The cell that points with unit normals ask for, metres; zero for none or one place.
+pub(in crate::surface) fn wanted_cell(points: &[Point], normals: &[Vector]) -> f64 {
+    let (noise, spacing) = noise_and_spacing(points, normals);
+    automatic_cell(Aabb::of(points).map_or(0.0, |b| b.size().max()), noise, spacing)
+}
+
 /// Standard deviation of points along their unit normals, and their median spacing, metres; zero for none or one place.
 pub(in crate::surface) fn noise_and_spacing(points: &[Point], normals: &[Vector]) -> (f64, f64) {
     let Some(bounds) = Aabb::of(points) else { return (0.0, 0.0) };

@@ -17,7 +17,7 @@ mod screening;
 mod solve;
 mod system;
 
-pub(super) use domain::noise_and_spacing;
+pub(super) use domain::{noise_and_spacing, wanted_cell};
 pub(super) use octree::octree_order;
 pub use params::{Boundary, PoissonParams};
 
