@@ -80,7 +80,9 @@ pub(super) fn projected(points: &[Point], normals: &[Vector], radius: f64) -> (V
 
 #[cfg(test)]
 mod tests {
+    use super::super::{BallPivotingParams, ball_pivoting};
     use super::*;
+    use crate::geometry::{PointCloud, Topology};
 
     #[test]
     fn projection_flattens_a_noisy_sheet_and_leaves_a_flat_one() {
@@ -111,6 +113,33 @@ mod tests {
         let (moved, _) = projected(&points, &normals, 2.0 * spacing);
         // Planes alone would move it by about the square of the radius: 0.006.
         assert!(moved.iter().all(|p| (p.coords.norm() - 1.0).abs() < 1e-9));
+    }
+
+    #[test]
+    fn noisy_points_are_projected_before_balls_roll() {
+        let cloud = {
+            let normals: Vec<Vector> = (0..4000)
+                .map(|i| {
+                    let (z, a) = (1.0 - (2 * i + 1) as f64 / 4000.0, 2.399_963 * f64::from(i));
+                    let r = (1.0 - z * z).sqrt();
+                    Vector::new(r * a.cos(), r * a.sin(), z)
+                })
+                .collect();
+            // Uniform within half a spacing.
+            let off = |i: usize| 0.056 * ((i * 7919 % 1013) as f64 / 1012.0 - 0.5);
+            let points = normals.iter().enumerate().map(|(i, n)| Point::from(n * (1.0 + off(i)))).collect();
+            PointCloud::with_normals(points, normals).expect("one normal a point")
+        };
+        let mesh = |project| {
+            let params = BallPivotingParams { project, ..BallPivotingParams::default() };
+            let mesh = ball_pivoting(&cloud, &params).expect("a surface");
+            let off = mesh.vertices.iter().map(|v| (v.coords.norm() - 1.0).abs()).sum::<f64>();
+            (Topology::of(&mesh).boundary_edges, off / mesh.vertices.len() as f64)
+        };
+        let (automatic, as_they_are) = (mesh(None), mesh(Some(0)));
+        assert!(automatic.0 < as_they_are.0 / 4, "{automatic:?} {as_they_are:?}");
+        assert!(automatic.1 < 0.5 * as_they_are.1, "{automatic:?} {as_they_are:?}");
+        assert_eq!(mesh(Some(1)), automatic);
     }
 
     #[test]
