@@ -82,11 +82,11 @@ def cloud(count):
     return path
 
 
-def run(who, path, method, values):
+def run(who, path, method, values, threads=1):
     out = f"{scratch}/{who}.ply"
     if who == "palpate":
-        flag = "--depth" if method == "poisson" else "--radius"
-        command = [measure, path, method, "--out", out] + [w for v in values for w in (flag, str(v))]
+        flag = {"poisson": "--depth", "ball-pivoting": "--radius", "implicit": "--cell"}[method]
+        command = [measure, path, method, "--out", out, "--threads", str(threads)] + [w for v in values for w in (flag, str(v))]
     else:
         command = [sys.executable, __file__, "--peer", path, method, out] + [str(v) for v in values]
     result = subprocess.run(command, capture_output=True, text=True)
@@ -114,6 +114,17 @@ def compare(label, path, repeats, jobs):
         row(label, who, runs[who])
 
 
+def two_threads(label, path, repeats, method, values):
+    """Wall seconds of one and two threads of ours, alternating."""
+    walls = {n: [] for n in (1, 2)}
+    for _ in range(repeats):
+        for n in walls:
+            walls[n].append(run("palpate", path, method, values, threads=n)["wall_s"][0])
+    one, two = (float(np.median(w)) for w in walls.values())
+    speed_ups.append(f"| {label} | {one:.2f} | {two:.2f} | {one / two:.2f} |")
+
+
+speed_ups = []
 few, some, many = (int(r) for r in os.environ.get("REPEATS", "5 3 1").split())
 points = [int(p) for p in os.environ.get("POINTS", "10000 50000 200000 1000000").split()]
 repeats = lambda count: few if count <= 50_000 else some if count <= 200_000 else many
@@ -127,10 +138,19 @@ for count in points:
     path = cloud(count)
     for depth in depths.get(count, [8]):
         jobs = [("palpate", "poisson", [depth]), ("open3d", "o3d-poisson", [depth])]
-        if count == 10_000 and depth == 7:
+        if (count, depth) in ((10_000, 7), (50_000, 8), (200_000, 9)):
             jobs.append(("pymeshlab", "pml-poisson", [depth]))
         compare(f"Poisson {count // 1000}k d{depth}", path, repeats(count), jobs)
     compare(f"Poisson {count // 1000}k automatic", path, repeats(count), [("palpate", "poisson", [])])
     spacing = float(np.sqrt(truth.area / count))
     radii = [spacing, 2 * spacing, 4 * spacing]
     compare(f"balls {count // 1000}k", path, repeats(count), [("palpate", "ball-pivoting", radii), ("open3d", "o3d-balls", radii)])
+    compare(f"implicit {count // 1000}k", path, repeats(count), [("palpate", "implicit", [])])
+    if count in (50_000, 200_000):
+        two_threads(f"Poisson {count // 1000}k automatic", path, repeats(count), "poisson", [])
+        two_threads(f"implicit {count // 1000}k", path, repeats(count), "implicit", [])
+for cells in (128, 256):
+    size = float(truth.extents.max()) / cells
+    compare(f"implicit 50k, {cells} cells", cloud(50_000), few, [("palpate", "implicit", [size])])
+    two_threads(f"implicit 50k, {cells} cells", cloud(50_000), few, "implicit", [size])
+print("\n| ours | wall s, one thread | two | speed-up |\n|---|---|---|---|", *speed_ups, f"\nLoad averages at the end: {os.getloadavg()}", sep="\n")

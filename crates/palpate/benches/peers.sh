@@ -3,7 +3,7 @@
 #
 #   crates/palpate/benches/peers.sh TRUTH.ply [SCRATCH]      SCRATCH: default a new temporary folder; keeps the environment and the clouds
 #
-# Needs cargo, python3 with venv, and the package registry. REPEATS="5 3 1" are the repeats at 50k and below, 200k, 1M. POINTS="10000 50000" limits.
+# Needs cargo, python3 with venv, the package registry, and what Open3D asks of the system (libusb-1.0, libgomp, libGL, libX11). REPEATS="5 3 1" are the repeats at 50k and below, 200k, 1M. POINTS="10000 50000" limits.
 set -eu
 here=$(cd "$(dirname "$0")" && pwd)
 truth=$(realpath "$1")

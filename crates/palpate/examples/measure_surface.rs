@@ -1,14 +1,16 @@
 //! Meshes a cloud and prints what it took: CPU and wall seconds inside the call, peak memory, and what came out.
 //!
 //! ```text
-//! measure_surface CLOUD poisson|ball-pivoting [--depth D] [--radius R]... [--threads N] [--repeats N] [--out MESH] [--set FIELD=VALUE]...
+//! measure_surface CLOUD poisson|ball-pivoting|implicit [--depth D] [--radius R]... [--cell C] [--threads N] [--repeats N] [--out MESH] [--set FIELD=VALUE]...
 //! ```
 //!
 //! One JSON object on standard output, metres and seconds. CPU and memory are Linux's own counts (`/proc`).
 
 use palpate::geometry::{PointCloud, Topology, TriangleMesh};
 use palpate::io::{read_cloud, write_mesh};
-use palpate::surface::{BallPivotingParams, PoissonParams, ball_pivoting, screened_poisson};
+use palpate::surface::{
+    BallPivotingParams, ImplicitParams, PoissonParams, ball_pivoting, implicit_surface, screened_poisson,
+};
 use std::error::Error;
 use std::path::PathBuf;
 use std::time::Instant;
@@ -19,6 +21,7 @@ struct Args {
     method: String,
     depth: Option<u32>,
     radii: Vec<f64>,
+    cell: Option<f64>,
     threads: usize,
     repeats: usize,
     out: Option<PathBuf>,
@@ -36,6 +39,7 @@ fn parse() -> Result<Args, Box<dyn Error>> {
         match flag.as_str() {
             "--depth" => args.depth = Some(value.parse()?),
             "--radius" => args.radii.push(value.parse()?),
+            "--cell" => args.cell = Some(value.parse()?),
             "--threads" => args.threads = value.parse()?,
             "--repeats" => args.repeats = value.parse()?,
             "--set" => args.set.push(value),
@@ -62,6 +66,10 @@ fn mesh(cloud: &PointCloud, args: &Args) -> Result<Made, Box<dyn Error>> {
             let mut params: BallPivotingParams = toml::from_str(&args.set.join("\n"))?;
             params.radii = radii.or(params.radii);
             Ok((ball_pivoting(cloud, &params)?, None))
+        }
+        "implicit" => {
+            let params: ImplicitParams = toml::from_str(&args.set.join("\n"))?;
+            Ok((implicit_surface(cloud, args.cell, &params)?, None))
         }
         other => Err(format!("unknown method {other}").into()),
     }

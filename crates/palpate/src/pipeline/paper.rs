@@ -38,7 +38,7 @@ pub struct PaperParams {
     pub elimination: EliminationParams,
     /// How to mesh.
     pub surface: PaperSurface,
-    /// Ball pivoting. By default its holes are closed and crumbs under 1 % of the area dropped, since a closed mesh is asked for.
+    /// Ball pivoting. By default it takes the points as they are, its holes are closed and crumbs under 1 % of the area dropped, since a closed mesh is asked for.
     pub ball_pivoting: BallPivotingParams,
     /// Screened Poisson, at automatic depth by default.
     pub poisson: PoissonParams,
@@ -51,7 +51,12 @@ impl Default for PaperParams {
             touch_cell: 0.001,
             elimination: EliminationParams::default(),
             surface: PaperSurface::default(),
-            ball_pivoting: BallPivotingParams { fill_holes: true, min_piece_share: 0.01, ..Default::default() },
+            ball_pivoting: BallPivotingParams {
+                project: Some(0),
+                fill_holes: true,
+                min_piece_share: 0.01,
+                ..Default::default()
+            },
             poisson: PoissonParams::default(),
         }
     }

@@ -7,6 +7,7 @@ mod explore;
 mod gel;
 mod hand_eye;
 mod layering;
+mod mesh_clean_up;
 mod metrics;
 mod optics;
 mod photometry;

@@ -23,6 +23,8 @@ pub(crate) struct Args {
     #[command(flatten)]
     balls: BallArgs,
     #[command(flatten)]
+    implicit: ImplicitArgs,
+    #[command(flatten)]
     clean_up: CleanUp,
 }
 
@@ -62,9 +64,17 @@ struct BallArgs {
     /// Ball radii, metres, any number; default 1.5, 2.5, 4 and 6 times the spacing of the points
     #[arg(long, value_name = "R", num_args = 1..)]
     radius: Vec<f64>,
-    /// Rounds of moving the points onto the surface of their neighbours first, for noise near the spacing
-    #[arg(long, value_name = "ROUNDS", default_value_t = 0, hide_default_value = true)]
-    project: u32,
+    /// Rounds of moving the points onto the surface of their neighbours first; 0 leaves them as they are; default: one if their noise is near their spacing
+    #[arg(long, value_name = "ROUNDS")]
+    project: Option<u32>,
+}
+
+#[derive(clap::Args)]
+#[command(next_help_heading = "Implicit")]
+struct ImplicitArgs {
+    /// Edge of the finest cells, metres; larger is smoother and faster; default: from the spacing and the noise of the points
+    #[arg(long, value_name = "METRES", conflicts_with_all = ["depth", "radius", "project"])]
+    cell: Option<f64>,
 }
 
 impl Args {
@@ -76,7 +86,7 @@ impl Args {
                 ball_pivoting(cloud, &params)?
             }
             Method::Poisson => self.poisson(cloud)?,
-            Method::Implicit => implicit_surface(cloud, &ImplicitParams::default())?,
+            Method::Implicit => implicit_surface(cloud, self.implicit.cell, &ImplicitParams::default())?,
         })
     }
 

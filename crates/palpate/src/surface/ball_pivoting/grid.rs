@@ -1,4 +1,5 @@
 use crate::geometry::Point;
+use rayon::prelude::*;
 
 /// Points in cubic cells, found again through a hash of the cell: memory does not depend on the extent.
 pub(super) struct Grid {
@@ -56,6 +57,43 @@ impl Grid {
                     }
                 }
             }
+        }
+    }
+}
+
+impl Grid {
+    /// What `f` makes of each point (its index and place) and all points in its cell and the 26 cells round it, itself included, with what `with` holds for
+    /// them; in the order of the points. Points of a cell share the search.
+    pub(super) fn map_near<W: Copy + Sync, T: Copy + Send>(
+        &self,
+        with: &[W],
+        f: impl Fn(usize, &Point, &[(Point, W)]) -> T + Sync,
+    ) -> Vec<T> {
+        let visit = |part: &[Entry]| {
+            let (mut near, mut near_to) = (Vec::new(), None);
+            let mut made = Vec::with_capacity(part.len());
+            for e in part {
+                if near_to != Some(e.cell) {
+                    near.clear();
+                    self.each_around(e.cell, |n| near.push((n.point, with[n.index as usize])));
+                    near_to = Some(e.cell);
+                }
+                made.push((e.index, f(e.index as usize, &e.point, &near)));
+            }
+            made
+        };
+        let mut made: Vec<(u32, T)> = self.entries.par_chunks(1024).flat_map_iter(visit).collect();
+        made.par_sort_unstable_by_key(|m| m.0);
+        made.into_iter().map(|m| m.1).collect()
+    }
+
+    fn each_around(&self, cell: [i32; 3], mut visit: impl FnMut(&Entry)) {
+        let buckets = self.starts.len() - 1;
+        for step in 0..27 {
+            let at: [i32; 3] = std::array::from_fn(|k| cell[k].saturating_add(step / 3_i32.pow(k as u32) % 3 - 1));
+            let b = bucket(at, buckets);
+            let members = &self.entries[self.starts[b] as usize..self.starts[b + 1] as usize];
+            members.iter().filter(|e| e.cell == at).for_each(&mut visit);
         }
     }
 }

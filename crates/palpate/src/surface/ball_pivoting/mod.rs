@@ -5,6 +5,7 @@ mod grid;
 mod params;
 mod pivot;
 mod prepare;
+mod project;
 
 pub use params::BallPivotingParams;
 pub use pivot::ball_pivoting;

@@ -13,9 +13,10 @@ pub struct BallPivotingParams {
     /// Of points closer together than this only the first is used, metres; larger thins more. Default: a tenth of the smallest
     /// radius, so that near-duplicates do not become slivers.
     pub merge_distance: Option<f64>,
-    /// Rounds of moving the points onto the smooth surface of their neighbours before meshing; 1 to 3 where noise is near the spacing, and balls make
-    /// islands of it. 0 (default): the mesh goes through the points as they are.
-    pub project: u32,
+    /// Rounds of moving the points onto the smooth surface of their neighbours before meshing: where noise is near the spacing, balls make islands of it.
+    /// More smooth more. `None` (default) reads the noise from the points: none up to 0.08 of the spacing, else one, as wide as the noise asks for. 0: the
+    /// mesh goes through the points as they are.
+    pub project: Option<u32>,
     /// Whether every hole is closed afterwards, the border of a surface that is open by nature included. Off: the balls' work as it is.
     pub fill_holes: bool,
     /// Pieces with less than this share of the whole area are dropped, before holes are filled; larger drops more. Default 0: none.
@@ -24,7 +25,7 @@ pub struct BallPivotingParams {
 
 impl Default for BallPivotingParams {
     fn default() -> Self {
-        Self { radii: None, merge_distance: None, project: 0, fill_holes: false, min_piece_share: 0.0 }
+        Self { radii: None, merge_distance: None, project: None, fill_holes: false, min_piece_share: 0.0 }
     }
 }
 
@@ -47,7 +48,9 @@ impl BallPivotingParams {
             Some(d) if !(d.is_finite() && d >= 0.0) => {
                 invalid("merge_distance", d.to_string(), "must be zero or more and finite, metres")
             }
-            _ if self.project > 100 => invalid("project", self.project.to_string(), "must be at most 100"),
+            _ if self.project.is_some_and(|rounds| rounds > 100) => {
+                invalid("project", self.project.unwrap_or_default().to_string(), "must be at most 100")
+            }
             _ if !(0.0..=1.0).contains(&self.min_piece_share) => {
                 invalid("min_piece_share", self.min_piece_share.to_string(), "must lie in 0..=1")
             }

@@ -1,8 +1,10 @@
 use super::BallPivotingParams;
 use super::front::Front;
 use super::grid::Grid;
-use super::prepare::{checked_normals, distinct, jittered, median_spacing, projected, thinned};
+use super::prepare::{checked_normals, distinct, jittered, median_spacing, thinned};
+use super::project::{Quality, projected};
 use crate::geometry::{Aabb, KdTree, Point, PointCloud, TriangleMesh, Vector, drop_small_pieces, split_fans};
+use crate::surface::poisson::octree_order;
 use crate::surface::{SurfaceError, fill_holes};
 use std::collections::VecDeque;
 use std::f64::consts::TAU;
@@ -32,10 +34,16 @@ const SEED_NEIGHBORS: usize = 24;
 /// where no three points admit a ball (all on one line, say).
 pub fn ball_pivoting(cloud: &PointCloud, params: &BallPivotingParams) -> Result<TriangleMesh, SurfaceError> {
     params.validate()?;
-    let mut normals = checked_normals(cloud)?;
-    let mut place = cloud.points.clone();
-    for _ in 0..params.project {
-        (place, normals) = projected(&place, &normals);
+    let normals = checked_normals(cloud)?;
+    // Balls roll to neighbours, which are then neighbours in memory too.
+    let order: Vec<usize> = octree_order(&cloud.points).into_iter().map(|i| i as usize).collect();
+    let mut place: Vec<Point> = order.iter().map(|&i| cloud.points[i]).collect();
+    let mut normals: Vec<Vector> = order.iter().map(|&i| normals[i]).collect();
+    if params.project != Some(0) {
+        let quality = Quality::of(&place, &normals);
+        for _ in 0..params.project.unwrap_or_else(|| quality.rounds()) {
+            (place, normals) = projected(&place, &normals, quality.radius());
+        }
     }
     let mut kept = distinct(&place);
     if kept.len() < 3 {
@@ -62,7 +70,7 @@ pub fn ball_pivoting(cloud: &PointCloud, params: &BallPivotingParams) -> Result<
         return Err(SurfaceError::NoSurface { points: kept.len(), reason });
     }
 
-    let colors = cloud.colors.as_ref().map(|c| kept.iter().map(|&i| c[i]).collect());
+    let colors = cloud.colors.as_ref().map(|c| kept.iter().map(|&i| c[order[i]]).collect());
     let mut mesh = TriangleMesh { vertices: positions(&kept), faces: front.faces, colors };
     mesh = split_fans(&mesh);
     if params.min_piece_share > 0.0 {

@@ -32,32 +32,6 @@ pub(super) fn distinct(points: &[Point]) -> Vec<usize> {
     kept
 }
 
-/// Neighbours that a projected point is drawn to.
-const PROJECTION_NEIGHBORS: usize = 24;
-
-/// The points moved along their neighbours' mean normal onto the planes of those neighbours, Gaussian weights of their distance (implicit moving least
-/// squares with the given normals), and those mean normals.
-///
-/// Kolluri, *Provably good moving least squares*, ACM Trans. Algorithms 4(2), 2008.
-pub(super) fn projected(points: &[Point], normals: &[Vector]) -> (Vec<Point>, Vec<Vector>) {
-    let tree = KdTree::new(points);
-    let project = |(p, n): (&Point, &Vector)| {
-        let near = tree.nearest_n(p, PROJECTION_NEIGHBORS);
-        let radius = near.last().map_or(0.0, |l| 0.5 * l.1);
-        let (mut mean, mut offset, mut total) = (Vector::zeros(), 0.0, 0.0);
-        // Across an edge or a thin wall there is another surface.
-        for (i, distance) in near.into_iter().filter(|(i, _)| normals[*i].dot(n) > 0.5) {
-            let w = if radius > 0.0 { (-0.5 * (distance / radius).powi(2)).exp() } else { 1.0 };
-            mean += normals[i] * w;
-            offset += w * normals[i].dot(&(points[i] - p));
-            total += w;
-        }
-        let mean = mean.try_normalize(1e-9).unwrap_or(*n);
-        (p + mean * (offset / total.max(f64::MIN_POSITIVE)), mean)
-    };
-    points.par_iter().zip(normals).map(project).unzip()
-}
-
 /// Indices, in order, of a subset in which no two points are nearer than `distance`: each point yields to an earlier one.
 pub(super) fn thinned(points: &[Point], distance: f64) -> Vec<usize> {
     if distance <= 0.0 {
@@ -128,22 +102,6 @@ mod tests {
         for (n, &a) in kept.iter().enumerate() {
             assert!(kept[..n].iter().all(|&b| (points[a] - points[b]).norm() >= 0.1));
         }
-    }
-
-    #[test]
-    fn projection_flattens_a_noisy_sheet_and_leaves_a_flat_one() {
-        let noisy: Vec<Point> = (0..900)
-            .map(|i| Point::new(f64::from(i % 30), f64::from(i / 30), f64::from(i * 7919 % 101) / 101.0 - 0.5))
-            .collect();
-        let normals = vec![Vector::z(); 900];
-        let rms = |points: &[Point]| (points.iter().map(|p| p.z * p.z).sum::<f64>() / 900.0).sqrt();
-        let (smooth, mean) = projected(&noisy, &normals);
-        assert!(rms(&smooth) < 0.5 * rms(&noisy), "{} of {}", rms(&smooth), rms(&noisy));
-        assert!(smooth.iter().zip(&noisy).all(|(a, b)| a.x == b.x && a.y == b.y) && mean == normals);
-        assert_eq!(
-            projected(&smooth.iter().map(|p| Point::new(p.x, p.y, 0.0)).collect::<Vec<_>>(), &normals).0[77].z,
-            0.0
-        );
     }
 
     #[test]

@@ -1,22 +1,28 @@
 use super::{ImplicitParams, ImplicitProblem, WeightedSample, solve_implicit};
-use crate::geometry::{KdTree, PointCloud, TriangleMesh};
+use crate::geometry::{PointCloud, TriangleMesh};
 use crate::surface::SurfaceError;
+use crate::surface::poisson::wanted_cell;
 
 const LEAST_POINTS: usize = 10;
 
 /// The implicit surface of an oriented cloud about which nothing else is known: no free space, no guesses.
 ///
-/// `params.spacing` is replaced by 1.3 times the median spacing of the points, so that any scale works.
+/// * `cell` – edge of the finest cells, metres; larger is smoother and faster. `None`: from spacing and noise of the points, as in
+///   [`super::screened_poisson`]. Either takes the place of `params.spacing`, so that any scale works
 ///
 /// # Errors
-/// [`SurfaceError`] for a cloud without normals, with too few points, or with coordinates or normals that are not finite.
-pub fn implicit_surface(cloud: &PointCloud, params: &ImplicitParams) -> Result<TriangleMesh, SurfaceError> {
+/// [`SurfaceError`] for a cloud without normals, with too few points, with coordinates or normals that are not finite, or for a cell that is not positive.
+pub fn implicit_surface(
+    cloud: &PointCloud,
+    cell: Option<f64>,
+    params: &ImplicitParams,
+) -> Result<TriangleMesh, SurfaceError> {
     params.validate()?;
     let normals = cloud.normals.as_ref().ok_or(SurfaceError::NoNormals)?;
     if cloud.len() < LEAST_POINTS {
         return Err(SurfaceError::TooFewPoints { found: cloud.len(), needed: LEAST_POINTS });
     }
-    let mut measured = Vec::with_capacity(cloud.len());
+    let (mut measured, mut unit) = (Vec::with_capacity(cloud.len()), Vec::with_capacity(cloud.len()));
     for (index, (p, n)) in cloud.points.iter().zip(normals).enumerate() {
         if !p.iter().chain(n.iter()).all(|c| c.is_finite()) {
             return Err(SurfaceError::NotFinite { index });
@@ -24,10 +30,15 @@ pub fn implicit_surface(cloud: &PointCloud, params: &ImplicitParams) -> Result<T
         let Some(normal) = n.try_normalize(1e-300) else {
             return Err(SurfaceError::ZeroNormal { index, length: n.norm() });
         };
+        unit.push(normal);
         measured.push(WeightedSample { position: *p, normal, weight: 1.0, orientation: 1.0 });
     }
     let bounds = cloud.bounds().ok_or(SurfaceError::TooFewPoints { found: 0, needed: LEAST_POINTS })?;
-    let spacing = 1.3 * median_spacing(cloud);
+    if let Some(cell) = cell.filter(|c| !(c.is_finite() && *c > 0.0)) {
+        let rule = "must be positive and finite, metres";
+        return Err(SurfaceError::InvalidParameter { field: "cell", value: cell.to_string(), rule });
+    }
+    let spacing = cell.unwrap_or_else(|| wanted_cell(&cloud.points, &unit));
     if !(spacing > 0.0 && spacing.is_finite()) {
         return Err(SurfaceError::TooFewPoints { found: 1, needed: LEAST_POINTS });
     }
@@ -51,23 +62,6 @@ pub fn implicit_surface(cloud: &PointCloud, params: &ImplicitParams) -> Result<T
     Ok(mesh)
 }
 
-/// Median distance of a point to its nearest neighbour elsewhere, over at most 2,000 points spread through the cloud.
-fn median_spacing(cloud: &PointCloud) -> f64 {
-    let tree = KdTree::new(&cloud.points);
-    let step = (cloud.len() / 2000).max(1);
-    let mut distances: Vec<f64> = cloud
-        .points
-        .iter()
-        .step_by(step)
-        .filter_map(|p| tree.nearest_n(p, 4).into_iter().map(|n| n.1).find(|&d| d > 0.0))
-        .collect();
-    if distances.is_empty() {
-        return 0.0;
-    }
-    let middle = distances.len() / 2;
-    *distances.select_nth_unstable_by(middle, f64::total_cmp).1
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -86,7 +80,7 @@ mod tests {
                 .collect();
             let points = normals.iter().map(|n| Point::from(n * radius)).collect();
             let cloud = PointCloud::with_normals(points, normals).expect("as many normals as points");
-            let mesh = implicit_surface(&cloud, &ImplicitParams::default()).expect("a ball has a surface");
+            let mesh = implicit_surface(&cloud, None, &ImplicitParams::default()).expect("a ball has a surface");
             assert!(Topology::of(&mesh).is_watertight());
             let volume = 4.0 / 3.0 * std::f64::consts::PI * radius.powi(3);
             assert!((mesh.volume() / volume - 1.0).abs() < 0.02, "{} of {volume}", mesh.volume());
@@ -94,8 +88,27 @@ mod tests {
     }
 
     #[test]
+    fn the_cell_can_be_stated_and_must_be_sound() {
+        let normals: Vec<Vector> = (0..2000)
+            .map(|i| {
+                let (z, a) = (1.0 - (2 * i + 1) as f64 / 2000.0, 2.399_963 * f64::from(i));
+                let r = (1.0 - z * z).sqrt();
+                Vector::new(r * a.cos(), r * a.sin(), z)
+            })
+            .collect();
+        let points = normals.iter().map(|n| Point::from(n * 0.05)).collect();
+        let cloud = PointCloud::with_normals(points, normals).expect("as many normals as points");
+        let faces = |cell| implicit_surface(&cloud, Some(cell), &ImplicitParams::default()).map(|m| m.faces.len());
+        let (coarse, fine) = (faces(8e-3).expect("a surface"), faces(4e-3).expect("a surface"));
+        assert!((3.5..4.5).contains(&(fine as f64 / coarse as f64)), "{coarse} {fine}");
+        for cell in [0.0, -1.0, f64::NAN, f64::INFINITY] {
+            assert!(matches!(faces(cell), Err(SurfaceError::InvalidParameter { field: "cell", .. })));
+        }
+    }
+
+    #[test]
     fn a_cloud_of_one_place_is_an_error() {
         let cloud = PointCloud::with_normals(vec![Point::origin(); 20], vec![Vector::z(); 20]).expect("equal numbers");
-        assert!(implicit_surface(&cloud, &ImplicitParams::default()).is_err());
+        assert!(implicit_surface(&cloud, None, &ImplicitParams::default()).is_err());
     }
 }

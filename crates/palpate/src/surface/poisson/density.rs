@@ -1,8 +1,9 @@
 //! How densely the surface is sampled: samples per unit area, read from splatted counts.
 
 use super::basis::{QUADRATIC_SELF, quadratic};
-use super::octree::{Lattice, Samples, cell_keys, grown, locate};
+use super::octree::{Cell, Lattice, Samples, cell_keys, grown, locate};
 use rayon::prelude::*;
+use std::ops::Range;
 
 /// Samples (or weight) that the kernel must see before a density is trusted; otherwise a coarser depth is asked.
 const ENOUGH: f64 = 6.0;
@@ -10,10 +11,16 @@ const ENOUGH: f64 = 6.0;
 /// Coarsest depth that is read.
 const COARSEST: u32 = 2;
 
-/// Counts and weights splatted at several depths with quadratic B-splines, which see a plane nearly alike at every tilt and offset.
-pub(super) struct Density {
-    /// From fine to coarse.
+/// Cells that are splatted before their sums are added up, and places that are read in one go.
+const BATCH: usize = 4096;
+
+/// Counts and weights splatted at several depths with quadratic B-splines, which see a plane nearly alike at every tilt and offset. A depth is splatted
+/// when a reading first asks for it.
+pub(super) struct Density<'a> {
+    samples: &'a Samples,
+    /// From fine to coarse, as many as were asked for.
     depths: Vec<Splat>,
+    finest: u32,
 }
 
 struct Splat {
@@ -32,72 +39,120 @@ pub(super) struct Reading {
     pub(super) weight: f64,
 }
 
-impl Density {
-    /// Splats at the deepest depth, at most `deepest`, whose occupied cells hold eight distinct samples on average, and at the coarser ones.
-    pub(super) fn new(samples: &Samples, deepest: u32) -> Self {
+impl<'a> Density<'a> {
+    /// The finest is the deepest depth, at most `deepest`, whose occupied cells hold eight distinct samples on average.
+    pub(super) fn new(samples: &'a Samples, deepest: u32) -> Self {
         let distinct = samples.distinct();
         let finest = (COARSEST..=deepest).rev().find(|&d| distinct >= 8 * samples.occupied(d)).unwrap_or(COARSEST);
-        Self { depths: (COARSEST..=finest).rev().map(|depth| Splat::new(samples, depth)).collect() }
+        Self { samples, depths: Vec::new(), finest }
     }
 
-    /// The density at a place of the unit cube; near zero far from all samples.
-    pub(super) fn at(&self, place: [f64; 3]) -> Reading {
-        let mut reading = Reading::default();
-        for splat in &self.depths {
-            let (count, weight) = splat.read(place);
-            // Σ of the kernel over a plane of density ρ per cell is QUADRATIC_SELF · ρ.
-            let cells_per_area = f64::from(1_u32 << splat.depth).powi(2) / QUADRATIC_SELF;
-            reading = Reading { count: count * cells_per_area, weight: weight * cells_per_area };
-            if count >= ENOUGH * QUADRATIC_SELF {
+    /// The densities at places of the unit cube, each at the finest depth that sees enough there; near zero far from all samples.
+    pub(super) fn at(&mut self, places: &[[f64; 3]]) -> Vec<Reading> {
+        let mut readings = vec![Reading::default(); places.len()];
+        let mut open: Vec<u32> = (0..places.len() as u32).collect();
+        for depth in (COARSEST..=self.finest).rev() {
+            if open.is_empty() {
                 break;
             }
+            let k = (self.finest - depth) as usize;
+            if self.depths.len() == k {
+                self.depths.push(Splat::new(self.samples, depth));
+            }
+            let splat = &self.depths[k];
+            let read: Vec<(f64, f64)> = open.par_chunks(BATCH).flat_map_iter(|part| splat.read(places, part)).collect();
+            for (&i, &(count, weight)) in open.iter().zip(&read) {
+                readings[i as usize] = splat.reading(count, weight);
+            }
+            let mut enough = read.iter().map(|r| r.0 >= ENOUGH * QUADRATIC_SELF);
+            open.retain(|_| !enough.next().unwrap_or(true));
         }
-        reading
+        readings
     }
 
-    /// The density at every sample.
-    pub(super) fn at_samples(&self, samples: &Samples) -> Vec<Reading> {
-        samples.position.par_iter().map(|&p| self.at(p)).collect()
+    /// The densities at the samples.
+    pub(super) fn at_samples(&mut self) -> Vec<Reading> {
+        self.at(&self.samples.position)
     }
 }
 
 impl Splat {
     fn new(samples: &Samples, depth: u32) -> Self {
         let last = (1_i16 << depth) - 1;
-        let occupied = cell_keys(samples.cells(depth).into_iter().map(|(cell, _)| cell));
-        let cells = Lattice::new(depth, &grown(occupied, 0..=last));
+        let used = samples.cells(depth);
+        let cells = Lattice::new(depth, &grown(cell_keys(used.iter().map(|c| c.0)), 0..=last));
         let (mut count, mut weight) = (vec![0.0; cells.len()], vec![0.0; cells.len()]);
-        for (&place, &w) in samples.position.iter().zip(&samples.weight) {
-            for_kernel(&cells, depth, place, |i, b| {
-                count[i] += b;
-                weight[i] += w * b;
-            });
+        // Whole batches in parallel, so that memory stays small; added up in the order of the cells.
+        for batch in used.chunks(BATCH) {
+            let sums: Vec<Around> = batch.par_iter().with_min_len(64).map(|(_, r)| summed(samples, depth, r)).collect();
+            for ((cell, _), sum) in batch.iter().zip(&sums) {
+                for_around(&cells, *cell, |i, k| {
+                    count[i] += sum[k].0;
+                    weight[i] += sum[k].1;
+                });
+            }
         }
         Self { depth, cells, count, weight }
     }
 
-    fn read(&self, place: [f64; 3]) -> (f64, f64) {
-        let (mut count, mut weight) = (0.0, 0.0);
-        for_kernel(&self.cells, self.depth, place, |i, b| {
-            count += b * self.count[i];
-            weight += b * self.weight[i];
-        });
-        (count, weight)
+    /// Counts and weights at the chosen places. Neighbours in the list often share a cell, which is then looked up once.
+    fn read(&self, places: &[[f64; 3]], chosen: &[u32]) -> Vec<(f64, f64)> {
+        let mut last: Option<(Cell, Around)> = None;
+        let read = |&i: &u32| {
+            let (cell, inside) = locate(places[i as usize], self.depth);
+            let around = match &last {
+                Some((same, around)) if *same == cell => around,
+                _ => &last.insert((cell, self.around(cell))).1,
+            };
+            let weighted = around.iter().zip(kernel(inside));
+            weighted.fold((0.0, 0.0), |s, (a, b)| (s.0 + b * a.0, s.1 + b * a.1))
+        };
+        chosen.iter().map(read).collect()
+    }
+
+    /// Counts and weights of the 27 cells round one.
+    fn around(&self, cell: Cell) -> Around {
+        let mut around = [(0.0, 0.0); 27];
+        for_around(&self.cells, cell, |i, k| around[k] = (self.count[i], self.weight[i]));
+        around
+    }
+
+    /// Per unit area: Σ of the kernel over a plane of density ρ per cell is `QUADRATIC_SELF` · ρ.
+    fn reading(&self, count: f64, weight: f64) -> Reading {
+        let cells_per_area = f64::from(1_u32 << self.depth).powi(2) / QUADRATIC_SELF;
+        Reading { count: count * cells_per_area, weight: weight * cells_per_area }
     }
 }
 
-/// Calls `f` with each stored cell under the kernel centred at a place, and the kernel's value there.
-fn for_kernel(cells: &Lattice, depth: u32, place: [f64; 3], mut f: impl FnMut(usize, f64)) {
-    let (cell, inside) = locate(place, depth);
-    let [bx, by, bz] = inside.map(quadratic);
-    for (dz, wz) in (-1..=1).zip(bz) {
-        for (dy, wy) in (-1..=1).zip(by) {
-            // There are rows just outside the domain, and they are empty.
-            let row = cells.row(cell[1] + dy, cell[2] + dz);
-            let first = row.start + cells.nodes[row.clone()].partition_point(|n| n[0] < cell[0] - 1);
-            for (i, node) in cells.nodes[first..row.end].iter().enumerate().take_while(|(_, n)| n[0] <= cell[0] + 1) {
-                f(first + i, bx[(node[0] - cell[0] + 1) as usize] * wy * wz);
-            }
+/// Count and weight in each of the 27 cells round one, x fastest.
+type Around = [(f64, f64); 27];
+
+/// What the samples of a cell leave in the cells around it.
+fn summed(samples: &Samples, depth: u32, range: &Range<usize>) -> Around {
+    let mut sum = [(0.0, 0.0); 27];
+    for i in range.clone() {
+        let w = samples.weight[i];
+        for (s, b) in sum.iter_mut().zip(kernel(locate(samples.position[i], depth).1)) {
+            *s = (s.0 + b, s.1 + w * b);
+        }
+    }
+    sum
+}
+
+/// The kernel's value in the 27 cells, centred at a place in the middle one.
+fn kernel(inside: [f64; 3]) -> [f64; 27] {
+    let [x, y, z] = inside.map(quadratic);
+    std::array::from_fn(|k| x[k % 3] * y[k / 3 % 3] * z[k / 9])
+}
+
+/// Calls `f` with the index and the number, x fastest, of those of the 27 cells round one that are stored.
+fn for_around(cells: &Lattice, cell: Cell, mut f: impl FnMut(usize, usize)) {
+    for step in 0..9_i16 {
+        // There are rows just outside the domain, and they are empty.
+        let row = cells.row(cell[1] + step % 3 - 1, cell[2] + step / 3 - 1);
+        let first = row.start + cells.nodes[row.clone()].partition_point(|n| n[0] < cell[0] - 1);
+        for (i, node) in cells.nodes[first..row.end].iter().enumerate().take_while(|(_, n)| n[0] <= cell[0] + 1) {
+            f(first + i, (3 * step + node[0] - cell[0] + 1) as usize);
         }
     }
 }
@@ -105,7 +160,7 @@ fn for_kernel(cells: &Lattice, depth: u32, place: [f64; 3], mut f: impl FnMut(us
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geometry::{Point, PointCloud, Vector};
+    use crate::geometry::{Point, Vector};
 
     #[test]
     fn a_plane_reads_its_density_at_any_offset() {
@@ -115,14 +170,13 @@ mod tests {
             let points: Vec<Point> = (0..10_000)
                 .map(|i| Point::new(0.2 + 0.006 * (i % 100) as f64, 0.2 + 0.006 * (i / 100) as f64, offset))
                 .collect();
-            let cloud = PointCloud { points, ..PointCloud::default() };
             let chosen: Vec<u32> = (0..10_000).collect();
-            let samples = Samples::new(&cloud, &vec![Vector::z(); 10_000], None, &chosen, Point::origin(), 1.0);
-            let density = Density::new(&samples, 8);
-            let middle = density.at([0.5, 0.51, offset]);
+            let samples = Samples::new(&points, &vec![Vector::z(); 10_000], None, &chosen, Point::origin(), 1.0);
+            let readings = Density::new(&samples, 8).at(&[[0.5, 0.51, offset], [0.5, 0.51, 0.01]]);
+            let (middle, far) = (readings[0], readings[1]);
             assert!((middle.count / per_area - 1.0).abs() < 0.1, "{} against {per_area}", middle.count);
             assert!((middle.weight / per_area - 1.0).abs() < 0.1);
-            assert!(density.at([0.5, 0.51, 0.01]).count < 0.01 * per_area);
+            assert!(far.count < 0.01 * per_area);
         }
     }
 }

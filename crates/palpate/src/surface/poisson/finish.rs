@@ -12,10 +12,10 @@ const COLOR_NEIGHBORS: usize = 4;
 const MEDIAN_OF: usize = 20_000;
 
 /// Median density at the samples (at every n-th of many), per unit area of the unit cube.
-pub(super) fn median_density(density: &Density, samples: &Samples) -> f64 {
+pub(super) fn median_density(density: &mut Density, samples: &Samples) -> f64 {
     let step = samples.len().div_ceil(MEDIAN_OF).max(1);
-    let mut counts: Vec<f64> =
-        samples.position.par_iter().step_by(step).map(|&place| density.at(place).count).collect();
+    let places: Vec<[f64; 3]> = samples.position.iter().copied().step_by(step).collect();
+    let mut counts: Vec<f64> = density.at(&places).iter().map(|r| r.count).collect();
     let middle = counts.len() / 2;
     *counts.select_nth_unstable_by(middle, f64::total_cmp).1
 }

@@ -17,15 +17,16 @@ mod screening;
 mod solve;
 mod system;
 
+pub(super) use domain::{noise_and_spacing, wanted_cell};
+pub(super) use octree::octree_order;
 pub use params::{Boundary, PoissonParams};
 
 use crate::geometry::{PointCloud, TriangleMesh, Vector};
 use crate::surface::SurfaceError;
 use density::Density;
 use domain::Domain;
-use extract::Field;
+use extract::{Field, Isovalue};
 use octree::Samples;
-use rayon::prelude::*;
 use system::Weighted;
 
 /// Distinct samples below which no surface is attempted.
@@ -100,10 +101,10 @@ pub fn screened_poisson(
     {
         solved = solve_at(&samples, &domain, finer, AUTOMATIC_SCREENING.0, params);
     }
-    let Solved { density, field, isovalue, depth, screening, .. } = solved;
+    let Solved { mut density, field, isovalue, depth, screening, .. } = solved;
     let cell = domain.cell(depth);
-    let usual_density = finish::median_density(&density, &samples);
-    let mut mesh = field.extract(&samples, isovalue, domain.origin, domain.edge);
+    let usual_density = finish::median_density(&mut density, &samples);
+    let mut mesh = field.extract(&samples, &isovalue, domain.origin, domain.edge);
     drop(field);
     if mesh.is_empty() {
         let reason = "the normals cancel: no side is inside".to_owned();
@@ -113,8 +114,9 @@ pub fn screened_poisson(
         mesh = crate::geometry::largest_piece(&mesh);
     }
     let area = domain.edge * domain.edge;
-    let at = |v: &crate::geometry::Point| density.at(((v - domain.origin) / domain.edge).into()).count / area;
-    let mut vertex_density: Vec<f64> = mesh.vertices.par_iter().map(at).collect();
+    let places: Vec<[f64; 3]> = mesh.vertices.iter().map(|v| ((v - domain.origin) / domain.edge).into()).collect();
+    let mut vertex_density: Vec<f64> = density.at(&places).iter().map(|r| r.count / area).collect();
+    drop(places);
     let trimmed_faces =
         finish::trim(&mut mesh, &mut vertex_density, params.trim * usual_density / area, params.largest_component);
     if mesh.is_empty() {
@@ -128,9 +130,9 @@ pub fn screened_poisson(
 /// The function at one choice of depth.
 struct Solved<'a> {
     input: Weighted<'a>,
-    density: Density,
+    density: Density<'a>,
     field: Field,
-    isovalue: f64,
+    isovalue: Isovalue,
     depth: u32,
     screening: f64,
 }
@@ -139,7 +141,7 @@ impl Solved<'_> {
     /// Mean distance of the samples from the surface over what their noise alone makes (σ√(2/π)).
     fn misfit_per_noise(&self, domain: &Domain) -> f64 {
         let expected = domain.noise * (2.0 / std::f64::consts::PI).sqrt();
-        self.field.misfit(&self.input, self.isovalue) * domain.edge / expected
+        self.field.misfit(&self.input, self.isovalue.value) * domain.edge / expected
     }
 }
 
@@ -150,8 +152,8 @@ fn solve_at<'a>(
     least_screening: f64,
     params: &PoissonParams,
 ) -> Solved<'a> {
-    let density = Density::new(samples, wanted);
-    let input = weighted(samples, &density, wanted, params.samples_per_node);
+    let mut density = Density::new(samples, wanted);
+    let input = weighted(samples, &mut density, wanted, params.samples_per_node);
     let depth = filled_depth(&input, wanted);
     let screening =
         params.screening.unwrap_or_else(|| automatic_screening(domain.noise / domain.cell(depth), least_screening));
@@ -172,8 +174,8 @@ fn filled_depth(input: &Weighted, depth: u32) -> u32 {
 }
 
 /// Gives every sample its area and the depth that its density supports.
-fn weighted<'a>(samples: &'a Samples, density: &Density, depth: u32, samples_per_node: f64) -> Weighted<'a> {
-    let readings = density.at_samples(samples);
+fn weighted<'a>(samples: &'a Samples, density: &mut Density, depth: u32, samples_per_node: f64) -> Weighted<'a> {
+    let readings = density.at_samples();
     let cell_area = 0.25_f64.powi(depth as i32);
     let supported = |count: f64| {
         let missing = (samples_per_node / (count * cell_area)).log2() / 2.0;

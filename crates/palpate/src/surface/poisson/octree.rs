@@ -3,7 +3,7 @@
 //! No tree of pointers: a depth is the sorted list of its lattice nodes with a table of where each row (y, z) begins. A node's row neighbours are then
 //! contiguous, so 9 indices name its 27 neighbours, and memory follows the surface (rows: 4 bytes · 4^depth, nodes: those near samples).
 
-use crate::geometry::{Point, PointCloud, Vector};
+use crate::geometry::{Aabb, Point, Vector};
 use rayon::prelude::*;
 use std::ops::{Range, RangeInclusive};
 
@@ -22,16 +22,16 @@ pub(super) struct Samples {
 }
 
 impl Samples {
-    /// Sorts the points `chosen` of a cloud with normals into the octree of the cube at `origin` with the given edge.
+    /// Sorts the points `chosen` with their normals into the octree of the cube at `origin` with the given edge.
     pub(super) fn new(
-        cloud: &PointCloud,
+        points: &[Point],
         normals: &[Vector],
         weights: Option<&[f64]>,
         chosen: &[u32],
         origin: Point,
         edge: f64,
     ) -> Self {
-        let unit = |i: u32| -> [f64; 3] { ((cloud.points[i as usize] - origin) / edge).into() };
+        let unit = |i: u32| -> [f64; 3] { ((points[i as usize] - origin) / edge).into() };
         let mut order: Vec<(u64, u32)> = chosen.par_iter().map(|&i| (code(unit(i)), i)).collect();
         order.par_sort_unstable();
         let total: f64 = weights.map_or(chosen.len() as f64, |w| order.iter().map(|&(_, i)| w[i as usize]).sum());
@@ -80,6 +80,16 @@ impl Samples {
     }
 }
 
+/// Indices of points in the order of an octree over their box: neighbours in space are mostly neighbours in the order.
+pub(in crate::surface) fn octree_order(points: &[Point]) -> Vec<u32> {
+    let bounds = Aabb::of(points).unwrap_or(Aabb { min: Point::origin(), max: Point::origin() });
+    let edge = bounds.size().max().max(f64::MIN_POSITIVE);
+    let mut order: Vec<(u64, u32)> =
+        points.par_iter().enumerate().map(|(i, p)| (code(((p - bounds.min) / edge).into()), i as u32)).collect();
+    order.par_sort_unstable();
+    order.into_iter().map(|o| o.1).collect()
+}
+
 /// Coordinates of a lattice node or of the cell above it; nodes just outside the domain have −1.
 pub(super) type Cell = [i16; 3];
 
@@ -88,8 +98,9 @@ pub(super) type Cell = [i16; 3];
 pub(super) fn locate(place: [f64; 3], depth: u32) -> (Cell, [f64; 3]) {
     let n = (1_u32 << depth) as f64;
     let scaled = place.map(|c| c * n);
-    let cell = scaled.map(|c| c.floor().clamp(0.0, n - 1.0));
-    (cell.map(|c| c as i16), [scaled[0] - cell[0], scaled[1] - cell[1], scaled[2] - cell[2]])
+    // Truncation is the floor of what is not negative, and what is ends in cell 0 either way.
+    let cell = scaled.map(|c| (c as i32).clamp(0, n as i32 - 1));
+    (cell.map(|c| c as i16), std::array::from_fn(|k| scaled[k] - f64::from(cell[k])))
 }
 
 fn code(place: [f64; 3]) -> u64 {
@@ -327,9 +338,8 @@ mod tests {
         let points: Vec<Point> =
             (0..200).map(|i| Point::new((i * 37 % 200) as f64, (i * 91 % 200) as f64, (i % 17) as f64)).collect();
         let normals = vec![Vector::z(); 200];
-        let cloud = PointCloud { points, ..PointCloud::default() };
         let chosen: Vec<u32> = (0..200).collect();
-        let samples = Samples::new(&cloud, &normals, None, &chosen, Point::new(-1.0, -1.0, -1.0), 210.0);
+        let samples = Samples::new(&points, &normals, None, &chosen, Point::new(-1.0, -1.0, -1.0), 210.0);
         for depth in [1, 3, 6] {
             let cells = samples.cells(depth);
             assert_eq!(cells.len(), samples.occupied(depth));

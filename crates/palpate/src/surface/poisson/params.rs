@@ -23,7 +23,8 @@ pub struct PoissonParams {
     /// depths that less than a hundredth of the samples are dense enough for are left out. `None` (default) chooses from spacing and noise, at most 10.
     pub depth: Option<u32>,
     /// Finest cell over the median spacing of the samples, used when `depth` is `None`. Larger is smoother and cheaper. `None` (default) is 0.85 for
-    /// samples with little noise; others are tried with 1.2 first, or more for noise beyond half the spacing, and stay with it if noise explains their misfit.
+    /// samples with little noise; for others the cell is 0.3 · (longest edge · noise · spacing)^⅓ if that is larger. With noise below half the spacing such
+    /// cells are halved where noise does not explain the misfit.
     pub cell_per_spacing: Option<f64>,
     /// Standard deviation of the samples along their normals, metres. `None` (default) reads it from neighbours that disagree.
     pub noise: Option<f64>,

@@ -195,9 +195,9 @@ fn dome(count: usize) -> PointCloud {
 fn the_noise_sets_cell_and_screening() {
     let clean = reconstruct(&sphere(4000), &PoissonParams::default());
     assert!(clean.noise < 0.01 * clean.cell && clean.screening == 32.0, "{} {}", clean.noise, clean.screening);
-    let params = PoissonParams { noise: Some(1e-3), ..PoissonParams::default() };
+    let params = PoissonParams { noise: Some(3e-3), ..PoissonParams::default() };
     let told = reconstruct(&sphere(4000), &params);
-    assert_eq!(told.noise, 1e-3);
+    assert_eq!(told.noise, 3e-3);
     assert!(told.cell > clean.cell && told.screening < clean.screening, "{} {}", told.cell, told.screening);
 }
 
@@ -334,7 +334,7 @@ fn the_solver_agrees_with_a_dense_one() {
     cloud.points.iter_mut().enumerate().for_each(|(i, p)| p.z *= if i % 3 == 0 { 0.7 } else { 1.0 });
     let chosen: Vec<u32> = (0..300).collect();
     let corner = Point::new(-0.06, -0.055, -0.065);
-    let samples = Samples::new(&cloud, cloud.normals.as_deref().expect("given"), None, &chosen, corner, 0.12);
+    let samples = Samples::new(&cloud.points, cloud.normals.as_deref().expect("given"), None, &chosen, corner, 0.12);
     let input = Weighted {
         area: (0..300).map(|i| 1e-3 * (1.0 + (i % 7) as f64)).collect(),
         depth: vec![9.0; 300],
