@@ -199,7 +199,7 @@ mod tests {
                 std::thread::sleep(Duration::from_millis(100));
                 say("0 0 2 0 0 0 1");
             });
-            assert_eq!(source.next(Duration::from_secs(60), 7).expect("sent later").translation.z, 2.0);
+            assert_eq!(source.next(Duration::from_mins(1), 7).expect("sent later").translation.z, 2.0);
         });
     }
 
