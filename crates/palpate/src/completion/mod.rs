@@ -2,6 +2,8 @@
 //! a touch contradicts (`paper`).
 
 mod eliminate;
+mod follow;
+mod follow_pose;
 mod guess_sigma;
 mod motion;
 mod orbit;
@@ -9,6 +11,8 @@ mod touch_check;
 mod touch_pose;
 
 pub use eliminate::{EliminationParams, contradicted};
+pub use follow::MovedChange;
+pub use follow_pose::refine_touch;
 pub use guess_sigma::GuessSigma;
 pub use motion::{Copying, best_plane, copyings};
 pub use orbit::{MovedEvidence, OrbitParams, copying_radius, move_evidence};

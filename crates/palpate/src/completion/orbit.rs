@@ -46,6 +46,13 @@ impl Default for OrbitParams {
     }
 }
 
+impl OrbitParams {
+    /// Weight of the samples that a copying makes.
+    pub(super) fn weight_of(&self, copying: &Copying) -> f64 {
+        self.weight * (copying.score / self.full_score).clamp(0.0, 1.0)
+    }
+}
+
 /// The measured samples moved by the accepted symmetries, and those that evidence contradicted.
 #[derive(Debug, Clone, Default)]
 pub struct MovedEvidence {
@@ -76,16 +83,10 @@ pub fn move_evidence(evidence: &Evidence, symmetry: &Symmetry, params: &OrbitPar
         .par_iter()
         .enumerate()
         .map(|(m, copying)| {
-            let motion = &copying.motion;
-            let weight = params.weight * (copying.score / params.full_score).clamp(0.0, 1.0);
+            let weight = params.weight_of(copying);
             let (mut kept, mut contradicted) = (Vec::new(), Vec::new());
             for (s, sample) in evidence.samples.iter().enumerate() {
-                let moved = Sample {
-                    position: motion.point(&sample.position),
-                    normal: motion.vector(&sample.normal),
-                    sigma: sample.sigma.hypot(2e-3),
-                    provenance: Provenance::Moved { motion: m as u32 },
-                };
+                let moved = moved_sample(sample, copying, m);
                 if outcasts[copying.family as usize][s] || in_free_space(evidence, &moved.position, params) {
                     contradicted.push(moved);
                 } else if !covered.holds(&moved.position, &moved.normal) {
@@ -104,7 +105,17 @@ pub fn move_evidence(evidence: &Evidence, symmetry: &Symmetry, params: &OrbitPar
     out
 }
 
-fn in_free_space(evidence: &Evidence, p: &Point, params: &OrbitParams) -> bool {
+/// The copy of a sample by copying number `m`.
+pub(super) fn moved_sample(sample: &Sample, copying: &Copying, m: usize) -> Sample {
+    Sample {
+        position: copying.motion.point(&sample.position),
+        normal: copying.motion.vector(&sample.normal),
+        sigma: sample.sigma.hypot(2e-3),
+        provenance: Provenance::Moved { motion: m as u32 },
+    }
+}
+
+pub(super) fn in_free_space(evidence: &Evidence, p: &Point, params: &OrbitParams) -> bool {
     evidence.free_space.signed_distance(p) > params.free_tolerance
 }
 
@@ -141,10 +152,7 @@ fn outcasts(evidence: &Evidence, copyings: &[Copying], families: usize, params: 
         .map(|members| {
             let mut bad = vec![false; points.len()];
             for (s, p) in points.iter().enumerate() {
-                let violations = members.iter().filter(|m| in_free_space(evidence, &m.motion.point(p), params)).count();
-                if violations as f64 > params.orbit_violations * members.len() as f64 {
-                    bad[s] = true;
-                }
+                bad[s] = leaves_orbit(evidence, members, p, params);
             }
             let mut spread = bad.clone();
             for s in (0..points.len()).filter(|&s| bad[s]) {
@@ -157,9 +165,15 @@ fn outcasts(evidence: &Evidence, copyings: &[Copying], families: usize, params: 
         .collect()
 }
 
+/// Whether too many copies of a point by the motions of one family lie in free space.
+pub(super) fn leaves_orbit(evidence: &Evidence, family: &[&Copying], p: &Point, params: &OrbitParams) -> bool {
+    let violations = family.iter().filter(|m| in_free_space(evidence, &m.motion.point(p), params)).count();
+    violations as f64 > params.orbit_violations * family.len() as f64
+}
+
 /// Whether a measured sample of agreeing normal is near: the distance counts position and normal together, so the inner wall of a
 /// bowl does not cover a guess of the outer one.
-struct Covered<'a> {
+pub(super) struct Covered<'a> {
     samples: &'a [Sample],
     tree: KdTree,
     radius: f64,
@@ -167,13 +181,13 @@ struct Covered<'a> {
 }
 
 impl<'a> Covered<'a> {
-    fn new(samples: &'a [Sample], params: &OrbitParams) -> Self {
+    pub(super) fn new(samples: &'a [Sample], params: &OrbitParams) -> Self {
         let points: Vec<Point> = samples.iter().map(|s| s.position).collect();
         let tree = KdTree::new(&points);
         Self { samples, tree, radius: params.measured_radius, normal_scale: params.normal_scale }
     }
 
-    fn holds(&self, p: &Point, n: &Vector) -> bool {
+    pub(super) fn holds(&self, p: &Point, n: &Vector) -> bool {
         self.tree.nearest_n(p, 8).iter().any(|&(i, distance)| {
             let s = &self.samples[i];
             distance < self.radius

@@ -12,9 +12,11 @@ mod planes;
 mod refine;
 mod resting;
 mod score;
+mod watch;
 
 pub use element::{Motion, SymmetryElement};
 pub(crate) use element::{tangents, tilted};
 pub use estimate::{EvidenceSearch, Hypothesis, Rejection, Symmetry, SymmetryEstimator};
 pub use params::{SymmetryError, SymmetryParams};
 pub use score::Score;
+pub use watch::contradicted;
