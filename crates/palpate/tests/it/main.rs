@@ -15,5 +15,6 @@ mod property;
 mod readers;
 mod robust;
 mod segment;
+mod session;
 mod touch;
 mod workshop;
