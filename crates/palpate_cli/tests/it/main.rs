@@ -6,6 +6,7 @@ mod capture;
 mod compare;
 mod decode;
 mod explore;
+mod follow;
 mod import;
 mod presses;
 mod reconstruct;
