@@ -32,6 +32,7 @@ pub(super) struct Grid {
 /// # References
 /// Rasmussen & Williams, *Gaussian Processes for Machine Learning*, 2006, eq. 2.23–2.26, 2.30, 5.8; Wendland, *Piecewise polynomial,
 /// positive definite and compactly supported radial functions of minimal degree*, 1995.
+#[derive(Debug)]
 pub(super) struct Kriging {
     anchors: Vec<Place>,
     weights: DVector<f64>,

@@ -3,6 +3,8 @@
 
 mod correction;
 mod eliminate;
+mod follow;
+mod follow_pose;
 mod guess_sigma;
 mod kriging;
 mod motion;
@@ -12,6 +14,8 @@ mod touch_check;
 mod touch_pose;
 
 pub use eliminate::{EliminationParams, contradicted};
+pub use follow::MovedChange;
+pub use follow_pose::refine_touch;
 pub use guess_sigma::GuessSigma;
 pub use motion::{Copying, best_plane, copyings};
 pub use orbit::{MovedEvidence, OrbitParams, copying_radius, move_evidence};

@@ -1,4 +1,5 @@
 use super::correction::corrections;
+use super::kriging::Kriging;
 use super::motion::{Copying, copyings};
 use super::thickness::far_sides;
 use crate::evidence::{Evidence, Provenance, Sample};
@@ -6,6 +7,7 @@ use crate::geometry::{KdTree, Point, Vector};
 use crate::symmetry::Symmetry;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
+use std::sync::Arc;
 
 /// Parameters of moving the evidence.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -54,6 +56,13 @@ impl Default for OrbitParams {
     }
 }
 
+impl OrbitParams {
+    /// Weight of the samples that a copying makes.
+    pub(super) fn weight_of(&self, copying: &Copying) -> f64 {
+        self.weight * (copying.score / self.full_score).clamp(0.0, 1.0)
+    }
+}
+
 /// The measured samples moved by the accepted symmetries, and those that evidence contradicted.
 #[derive(Debug, Clone, Default)]
 pub struct MovedEvidence {
@@ -69,6 +78,8 @@ pub struct MovedEvidence {
     pub contradicted: Vec<Sample>,
     /// The copies made; `Provenance::Moved` points into it.
     pub copyings: Vec<Copying>,
+    /// By how much each family of copies was moved, and later ones are.
+    pub(super) corrections: Arc<Vec<Option<Kriging>>>,
 }
 
 /// Moves every measured sample by every motion of the accepted symmetries and drops what evidence contradicts or already covers.
@@ -90,18 +101,11 @@ pub fn move_evidence(evidence: &Evidence, symmetry: &Symmetry, params: &OrbitPar
         .par_iter()
         .enumerate()
         .map(|(m, copying)| {
-            let (motion, correction) = (&copying.motion, &corrections[copying.family as usize]);
-            let weight = params.weight * (copying.score / params.full_score).clamp(0.0, 1.0);
+            let weight = params.weight_of(copying);
+            let correction = corrections[copying.family as usize].as_ref();
             let (mut kept, mut contradicted) = (Vec::new(), Vec::new());
             for (s, sample) in evidence.samples.iter().enumerate() {
-                let (position, normal) = (motion.point(&sample.position), motion.vector(&sample.normal));
-                let miss = correction.as_ref().map_or(0.0, |c| c.mean(&(position, normal)));
-                let moved = Sample {
-                    position: position + normal * miss,
-                    normal,
-                    sigma: sample.sigma.hypot(2e-3),
-                    provenance: Provenance::Moved { motion: m as u32 },
-                };
+                let moved = moved_sample(sample, copying, m, correction);
                 if outcasts[copying.family as usize][s] || in_free_space(evidence, &moved.position, params) {
                     contradicted.push(moved);
                 } else if !covered.holds(&moved.position, &moved.normal) {
@@ -111,7 +115,7 @@ pub fn move_evidence(evidence: &Evidence, symmetry: &Symmetry, params: &OrbitPar
             (kept, weight, contradicted)
         })
         .collect();
-    let mut out = MovedEvidence { copyings, ..MovedEvidence::default() };
+    let mut out = MovedEvidence { copyings, corrections: Arc::new(corrections), ..MovedEvidence::default() };
     for (kept, weight, contradicted) in per_motion {
         out.weights.extend(std::iter::repeat_n(weight, kept.len()));
         out.kept.extend(kept);
@@ -123,7 +127,19 @@ pub fn move_evidence(evidence: &Evidence, symmetry: &Symmetry, params: &OrbitPar
     out
 }
 
-fn in_free_space(evidence: &Evidence, p: &Point, params: &OrbitParams) -> bool {
+/// The copy of a sample by copying number `m`, moved by what its family misses there.
+pub(super) fn moved_sample(sample: &Sample, copying: &Copying, m: usize, correction: Option<&Kriging>) -> Sample {
+    let (position, normal) = (copying.motion.point(&sample.position), copying.motion.vector(&sample.normal));
+    let miss = correction.map_or(0.0, |c| c.mean(&(position, normal)));
+    Sample {
+        position: position + normal * miss,
+        normal,
+        sigma: sample.sigma.hypot(2e-3),
+        provenance: Provenance::Moved { motion: m as u32 },
+    }
+}
+
+pub(super) fn in_free_space(evidence: &Evidence, p: &Point, params: &OrbitParams) -> bool {
     evidence.free_space.signed_distance(p) > params.free_tolerance
 }
 
@@ -160,10 +176,7 @@ fn outcasts(evidence: &Evidence, copyings: &[Copying], families: usize, params: 
         .map(|members| {
             let mut bad = vec![false; points.len()];
             for (s, p) in points.iter().enumerate() {
-                let violations = members.iter().filter(|m| in_free_space(evidence, &m.motion.point(p), params)).count();
-                if violations as f64 > params.orbit_violations * members.len() as f64 {
-                    bad[s] = true;
-                }
+                bad[s] = leaves_orbit(evidence, members, p, params);
             }
             let mut spread = bad.clone();
             for s in (0..points.len()).filter(|&s| bad[s]) {
@@ -174,6 +187,12 @@ fn outcasts(evidence: &Evidence, copyings: &[Copying], families: usize, params: 
             spread
         })
         .collect()
+}
+
+/// Whether too many copies of a point by the motions of one family lie in free space.
+pub(super) fn leaves_orbit(evidence: &Evidence, family: &[&Copying], p: &Point, params: &OrbitParams) -> bool {
+    let violations = family.iter().filter(|m| in_free_space(evidence, &m.motion.point(p), params)).count();
+    violations as f64 > params.orbit_violations * family.len() as f64
 }
 
 /// Whether a measured sample of agreeing normal is near: the distance counts position and normal together, so the inner wall of a

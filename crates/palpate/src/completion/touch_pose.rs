@@ -82,13 +82,9 @@ pub fn refine_touches(
     sigma: &PoseSigma,
     params: &TouchPoseParams,
 ) -> Vec<RefinedTouch> {
-    // A prior without width in one part is exact in it; the floor keeps the matrix invertible.
-    let (turn, shift) = (sigma.rotation.max(1e-6), sigma.translation.max(1e-7));
-    let prior = Vector6::new(turn, turn, turn, shift, shift, shift).map(|s| 1.0 / (s * s));
+    let prior = precision(sigma);
     let others = Others::new(evidence, patches, copies);
-    let start =
-        Fit { xi: Vector6::zeros(), covariance: Matrix6::from_diagonal(&prior.map(|p| 1.0 / p)), matched: [0; 2] };
-    let mut fits = vec![start; patches.len()];
+    let mut fits = vec![Fit::stated(Matrix6::from_diagonal(&prior.map(|p| 1.0 / p))); patches.len()];
     for _ in 0..params.rounds {
         let placed: Vec<Placed> =
             patches.iter().zip(&fits).enumerate().map(|(i, (p, f))| others.place(i, p, f)).collect();
@@ -97,13 +93,14 @@ pub fn refine_touches(
             .map(|i| fit(i, &patches[i], &fits[i], &others, &placed, &prior, params))
             .collect();
     }
-    let finished = |(patch, fit): (&Patch, &Fit)| RefinedTouch {
-        patch: moved(patch, &fit.pose(patch)),
-        covariance: fit.covariance,
-        matched: fit.matched,
-        correction: (fit.xi.component_mul(&fit.xi).dot(&prior) / 6.0).sqrt(),
-    };
-    patches.iter().zip(&fits).map(finished).collect()
+    patches.iter().zip(&fits).map(|(patch, fit)| fit.finished(patch, &prior)).collect()
+}
+
+/// Of a pose: rotation, then translation.
+pub(super) fn precision(sigma: &PoseSigma) -> Vector6<f64> {
+    // A prior without width in one part is exact in it; the floor keeps the matrix invertible.
+    let (turn, shift) = (sigma.rotation.max(1e-6), sigma.translation.max(1e-7));
+    Vector6::new(turn, turn, turn, shift, shift, shift).map(|s| 1.0 / (s * s))
 }
 
 /// The patch carried to another pose.
@@ -118,7 +115,7 @@ fn moved(patch: &Patch, world_from_sensor: &Isometry) -> Patch {
 }
 
 #[derive(Clone)]
-struct Fit {
+pub(super) struct Fit {
     /// Correction of the pose in the sensor frame: rotation, translation.
     xi: Vector6<f64>,
     covariance: Matrix6<f64>,
@@ -126,6 +123,20 @@ struct Fit {
 }
 
 impl Fit {
+    /// The pose as it is stated.
+    pub(super) fn stated(covariance: Matrix6<f64>) -> Self {
+        Self { xi: Vector6::zeros(), covariance, matched: [0; 2] }
+    }
+
+    pub(super) fn finished(&self, patch: &Patch, prior: &Vector6<f64>) -> RefinedTouch {
+        RefinedTouch {
+            patch: moved(patch, &self.pose(patch)),
+            covariance: self.covariance,
+            matched: self.matched,
+            correction: (self.xi.component_mul(&self.xi).dot(prior) / 6.0).sqrt(),
+        }
+    }
+
     fn pose(&self, patch: &Patch) -> Isometry {
         let x = &self.xi;
         let turn = UnitQuaternion::from_scaled_axis(Vector::new(x[0], x[1], x[2]));
@@ -143,7 +154,7 @@ struct Target {
 }
 
 /// The felt samples of a touch where the last round put them.
-struct Placed {
+pub(super) struct Placed {
     samples: Vec<(Point, Vector)>,
     center: Point,
     radius: f64,
@@ -151,8 +162,15 @@ struct Placed {
     sigma: f64,
 }
 
+impl Placed {
+    /// A touch that tells the others nothing.
+    pub(super) fn nothing() -> Self {
+        Self { samples: Vec::new(), center: Point::origin(), radius: 0.0, sigma: 0.0 }
+    }
+}
+
 /// All surfaces but the touch's own.
-struct Others<'a> {
+pub(super) struct Others<'a> {
     seen: Vec<Sample>,
     index: SampleIndex,
     felt: Vec<Vec<Sample>>,
@@ -163,7 +181,7 @@ struct Others<'a> {
 }
 
 impl<'a> Others<'a> {
-    fn new(evidence: &Evidence, patches: &[Patch], (copies, sigma): (&[Copying], &'a GuessSigma)) -> Self {
+    pub(super) fn new(evidence: &Evidence, patches: &[Patch], (copies, sigma): (&[Copying], &'a GuessSigma)) -> Self {
         let seen: Vec<Sample> = evidence.samples.iter().filter(|s| s.provenance == Provenance::Seen).copied().collect();
         let mut felt = vec![Vec::new(); patches.len()];
         for s in &evidence.samples {
@@ -177,7 +195,7 @@ impl<'a> Others<'a> {
         Self { seen, index, felt, copies, families, sigma }
     }
 
-    fn place(&self, touch: usize, patch: &Patch, fit: &Fit) -> Placed {
+    pub(super) fn place(&self, touch: usize, patch: &Patch, fit: &Fit) -> Placed {
         let carry = fit.pose(patch) * patch.world_from_sensor.inverse();
         let samples: Vec<(Point, Vector)> =
             self.felt[touch].iter().map(|s| (carry * s.position, carry * s.normal)).collect();
@@ -248,7 +266,7 @@ impl<'a> Others<'a> {
     }
 }
 
-fn fit(
+pub(super) fn fit(
     touch: usize,
     patch: &Patch,
     start: &Fit,

@@ -54,6 +54,11 @@ impl FreeSpace {
         self.pad.clearance(p)
     }
 
+    /// Adds the pad of one more touch. The carved grid of [`Self::signed_distance`] stays as it is.
+    pub(super) fn add_pad(&mut self, patch: &Patch, covariance: &Matrix6<f64>) {
+        self.pad.add(patch, covariance);
+    }
+
     /// The larger of [`Self::clearance`] and [`Self::pad_clearance`].
     #[inline]
     pub fn clearance_with_pads(&self, p: &Point) -> f64 {

@@ -7,8 +7,8 @@ use crate::tactile::Patch;
 use nalgebra::{Matrix6, Unit, Vector6};
 
 /// Spacing and reach of the sample index, metres: the score's widest tolerance.
-const INDEX_SPACING: f64 = 0.002;
-const INDEX_REACH: f64 = 0.0125;
+pub(super) const INDEX_SPACING: f64 = 0.002;
+pub(super) const INDEX_REACH: f64 = 0.0125;
 /// Fewer samples than this carry no shape.
 const LEAST_SAMPLES: usize = 10;
 
@@ -122,7 +122,12 @@ fn seen_samples(frame: &Frame, visible: &Visible, params: &EvidenceParams) -> Ve
 }
 
 /// Points of a patch as samples; a rotation error of the pose moves points far from the sensor's origin more.
-fn felt_samples(patch: &Patch, touch: u32, covariance: &Matrix6<f64>, params: &EvidenceParams) -> Vec<Sample> {
+pub(super) fn felt_samples(
+    patch: &Patch,
+    touch: u32,
+    covariance: &Matrix6<f64>,
+    params: &EvidenceParams,
+) -> Vec<Sample> {
     patch
         .points
         .iter()

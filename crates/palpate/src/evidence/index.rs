@@ -63,6 +63,36 @@ impl SampleIndex {
         Self { nodes }
     }
 
+    /// Adds `samples[from..]` to an index of `samples[..from]`, for queries up to `reach` metres from them.
+    ///
+    /// The second sample of a node is the nearest known one that faces another way than the first: where a new sample displaces the first, one
+    /// that the node did not hold is not found again. O(new samples · reach³ / spacing³); samples beyond the grid cost a new index.
+    pub fn insert(&mut self, samples: &[Sample], from: usize, spacing: f64, reach: f64) {
+        if samples[from..].iter().any(|s| self.nodes.nearest(&s.position).is_none()) {
+            *self = Self::new(samples, spacing, reach);
+            return;
+        }
+        let (dims, h) = (self.nodes.dims(), self.nodes.spacing());
+        for i in from..samples.len() {
+            let c = (samples[i].position - self.nodes.origin()) / h;
+            let range = |a: usize| {
+                let (low, high) = ((c[a] - reach / h).ceil().max(0.0), (c[a] + reach / h).floor().max(-1.0) + 1.0);
+                low as usize..(high as usize).min(dims[a])
+            };
+            for k in range(2) {
+                for j in range(1) {
+                    for x in range(0) {
+                        let (node, at) = (self.nodes.index(x, j, k), self.nodes.position(x, j, k));
+                        if (samples[i].position - at).norm_squared() < reach * reach {
+                            let slot = &mut self.nodes.as_mut_slice()[node];
+                            *slot = with_sample(*slot, i, samples, &at);
+                        }
+                    }
+                }
+            }
+        }
+    }
+
     /// The sample nearest to `p` among those whose normal has a cosine above `agreement` with `normal`, as far as the grid knows.
     ///
     /// `samples` must be the ones the index was built from.
@@ -87,6 +117,22 @@ impl SampleIndex {
     pub fn nearest(&self, p: &Point) -> Option<usize> {
         let first = self.nodes.as_slice()[self.nodes.nearest(p)?][0];
         (first != NONE).then_some(first as usize)
+    }
+}
+
+/// What a node at `at` holds once sample `i` is known.
+fn with_sample([first, second]: [u32; 2], i: usize, samples: &[Sample], at: &Point) -> [u32; 2] {
+    let distance = |s: u32| if s == NONE { f64::INFINITY } else { (samples[s as usize].position - at).norm_squared() };
+    let faces_away = |a: u32, b: u32| {
+        a != NONE && b != NONE && samples[a as usize].normal.dot(&samples[b as usize].normal) < OTHER_SIDE
+    };
+    let new = i as u32;
+    if distance(new) < distance(first) {
+        [new, [first, second].into_iter().find(|&s| faces_away(s, new)).unwrap_or(NONE)]
+    } else if faces_away(new, first) && distance(new) < distance(second) {
+        [first, new]
+    } else {
+        [first, second]
     }
 }
 
@@ -148,6 +194,25 @@ mod tests {
         assert!((down.plane_offset - 0.0012).abs() < 1e-12);
         assert!(index.nearest_agreeing(&samples, &query, &Vector::x(), 0.5).is_none());
         assert!(index.nearest(&Point::new(0.0, 0.0, 0.05)).is_none(), "out of reach");
+    }
+
+    #[test]
+    fn samples_added_later_are_found_as_if_they_had_been_there() {
+        let wall = |i: i32, up: f64| sample(f64::from(i) * 0.003, 0.0005 * up, Vector::z() * up);
+        let samples: Vec<Sample> = (0..20).map(|i| wall(i, 1.0)).chain((5..15).map(|i| wall(i, -1.0))).collect();
+        let (whole, mut grown) =
+            (SampleIndex::new(&samples, 0.002, 0.012), SampleIndex::new(&samples[..20], 0.002, 0.012));
+        grown.insert(&samples, 20, 0.002, 0.012);
+        for i in 0..60 {
+            let p = Point::new(f64::from(i) * 0.001, 0.001, 0.002);
+            for up in [1.0, -1.0] {
+                let found = |index: &SampleIndex| index.nearest_agreeing(&samples, &p, &(Vector::z() * up), 0.5);
+                assert_eq!(found(&grown), found(&whole), "at {p}, facing {up}");
+            }
+        }
+        let far = [samples, vec![sample(0.3, 0.0, Vector::z())]].concat();
+        grown.insert(&far, 30, 0.002, 0.012);
+        assert_eq!(grown.nearest(&Point::new(0.3, 0.0, 0.0)), Some(30), "beyond the old grid");
     }
 
     #[test]

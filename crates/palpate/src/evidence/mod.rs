@@ -3,6 +3,7 @@
 //! [`Evidence::gather`] joins the camera's view and the touches into one structure that the symmetry search, the filters of
 //! the completion and the fusion all read. Nothing in it is a guess.
 
+mod follow;
 mod free_space;
 mod gather;
 mod grid;

@@ -31,10 +31,18 @@ const WIDEST: f64 = 0.1;
 
 impl PadClearance {
     pub(super) fn new(patches: &[Patch], covariances: &[Matrix6<f64>], thickness: f64) -> Self {
-        let pads: Vec<Pad> =
-            patches.iter().zip(covariances).filter_map(|(patch, c)| Pad::new(patch, c, thickness)).collect();
-        let bounds = pads.iter().map(|p| Aabb { min: p.center, max: p.center }.inflated(p.squared_radius.sqrt()));
-        Self { bounds: bounds.reduce(|a, b| a.union(&b)), pads, thickness }
+        let mut all = Self { pads: Vec::new(), bounds: None, thickness };
+        for (patch, covariance) in patches.iter().zip(covariances) {
+            all.add(patch, covariance);
+        }
+        all
+    }
+
+    pub(super) fn add(&mut self, patch: &Patch, covariance: &Matrix6<f64>) {
+        let Some(pad) = Pad::new(patch, covariance, self.thickness) else { return };
+        let bounds = Aabb { min: pad.center, max: pad.center }.inflated(pad.squared_radius.sqrt());
+        self.bounds = Some(self.bounds.map_or(bounds, |b| b.union(&bounds)));
+        self.pads.push(pad);
     }
 
     /// How far behind the gel surface `p` lies, metres, at most the layer's thickness; ≤ 0 outside every layer.

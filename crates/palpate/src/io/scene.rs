@@ -55,27 +55,34 @@ pub fn check_scene(folder: impl AsRef<Path>) -> SceneCheck {
 }
 
 /// Reads the files of one scene and gathers what is wrong with them.
-struct Loader {
+pub(super) struct Loader {
     file: PathBuf,
-    errors: Vec<IoError>,
-    warnings: Vec<String>,
+    pub(super) errors: Vec<IoError>,
+    pub(super) warnings: Vec<String>,
+}
+
+/// `scene.toml` of a folder, or that file.
+pub(super) fn scene_path(folder: &Path) -> PathBuf {
+    if folder.is_file() { folder.to_owned() } else { folder.join("scene.toml") }
 }
 
 fn load(folder: &Path, thorough: bool) -> SceneCheck {
-    let file = if folder.is_file() { folder.to_owned() } else { folder.join("scene.toml") };
-    let mut loader = Loader { file, errors: Vec::new(), warnings: Vec::new() };
-    let scene = loader.load(thorough);
+    let mut loader = Loader::new(scene_path(folder));
+    let text = read_bytes(&loader.file);
+    let scene = loader.keep(text).and_then(|text| loader.load(&String::from_utf8_lossy(&text), thorough));
     let Loader { errors, warnings, .. } = loader;
     let scene = scene.filter(|_| errors.is_empty()).map(|scene| SceneFile { warnings: warnings.clone(), ..scene });
     SceneCheck { scene, errors, warnings }
 }
 
 impl Loader {
-    fn load(&mut self, thorough: bool) -> Option<SceneFile> {
-        let text = read_bytes(&self.file);
-        let text = self.keep(text)?;
-        let text = String::from_utf8_lossy(&text).into_owned();
-        let parsed = scene_format::parse(&self.file, &text);
+    pub(super) fn new(file: PathBuf) -> Self {
+        Self { file, errors: Vec::new(), warnings: Vec::new() }
+    }
+
+    /// * `text` – of the scene's file
+    pub(super) fn load(&mut self, text: &str, thorough: bool) -> Option<SceneFile> {
+        let parsed = scene_format::parse(&self.file, text);
         let toml = self.keep(parsed)?;
         // Each part is read even if another is wrong: `check` shall say everything at once.
         let frame = self.frame(&toml);
@@ -97,7 +104,7 @@ impl Loader {
         let background = background.and_then(|file| {
             self.read("[sensor] background", file, |path| sized(read_color(path)?, path, sensor.as_ref()))
         });
-        let touches = self.touches(&toml.touches, sensor.as_ref(), background.is_some());
+        let touches = self.touches(&toml.touches, 0, sensor.as_ref(), background.is_some());
         let truth = toml.truth.as_ref().map(|t| self.truth(&t.mesh, thorough));
         let scene = Scene { name: toml.name, frame: frame?, sensor, pose_sigma: sigma, touches: touches? };
         if thorough {
@@ -253,15 +260,17 @@ impl Loader {
         Some(sensor)
     }
 
-    fn touches(
+    /// * `first` – number of the first of `touches`
+    pub(super) fn touches(
         &mut self,
         touches: &[TouchToml],
+        first: usize,
         sensor: Option<&TactileSensor>,
         has_background: bool,
     ) -> Option<Vec<Touch>> {
         let mut poses = Vec::new();
         for (i, touch) in touches.iter().enumerate() {
-            let key = format!("[[touches]] {i}");
+            let key = format!("[[touches]] {}", first + i);
             poses.push(self.pose(&format!("{key} world_from_sensor"), &touch.world_from_sensor));
             match (&touch.image, &touch.height_map, &touch.contact_mask) {
                 (Some(_), None, None) | (_, Some(_), Some(_)) => {}
@@ -285,7 +294,7 @@ impl Loader {
         let recorded: Vec<Recorded> = touches
             .par_iter()
             .enumerate()
-            .map(|(i, t)| self.recorded(&format!("[[touches]] {i}"), t, sensor))
+            .map(|(i, t)| self.recorded(&format!("[[touches]] {}", first + i), t, sensor))
             .collect();
         let mut all = Vec::with_capacity(touches.len());
         for ((contact, image), pose) in recorded.into_iter().zip(poses) {

@@ -56,6 +56,9 @@ pub enum ReconstructError {
     /// A parameter of the symmetry search is out of range.
     #[error("seeking symmetry")]
     Symmetry(#[from] SymmetryError),
+    /// Touches are followed by the implicit surface of `fused`.
+    #[error("touches can only be followed with method 'fused' and surface 'implicit'")]
+    NotIncremental,
     /// The implicit surface is a matter of `fused`.
     #[error("method 'paper' meshes by 'poisson' or 'ball-pivoting', not by 'implicit'")]
     ImplicitPaper,

@@ -2,19 +2,35 @@ use super::reconstruct::{Reconstruction, Stages, Warning, felt_cloud};
 use super::trust::{Settled, settle};
 use super::uncertainty::{Guesses, vertex_knowledge};
 use super::{ReconstructError, ReconstructParams, Surface, VertexKnowledge, color, stages as step};
-use crate::camera::segment_object;
+use crate::camera::{Visible, segment_object};
 use crate::completion::{MovedEvidence, move_evidence};
 use crate::evidence::{Evidence, Sample};
 use crate::geometry::{PointCloud, Topology, TriangleMesh};
 use crate::scene::Scene;
-use crate::surface::{ImplicitProblem, SurfaceError, WeightedSample, ball_pivoting, screened_poisson, solve_implicit};
+use crate::surface::{
+    ImplicitField, ImplicitProblem, SurfaceError, WeightedSample, ball_pivoting, screened_poisson, solve_implicit,
+};
+use crate::tactile::Patch;
+
+/// What a further touch starts from.
+pub(super) struct Kept {
+    pub(super) visible: Visible,
+    pub(super) evidence: Evidence,
+    /// Of the touches in use, in the order in which the evidence counts them.
+    pub(super) patches: Vec<Patch>,
+    pub(super) moved: MovedEvidence,
+    pub(super) guesses: Guesses,
+    pub(super) measured: Vec<WeightedSample>,
+    /// `None` for another surface than the implicit one.
+    pub(super) field: Option<ImplicitField>,
+}
 
 /// Our method: everything known, weighted by what it is worth, in one implicit function (method.md §3–5).
 pub(super) fn reconstruct(
     scene: &Scene,
     params: &ReconstructParams,
     stages: &Stages,
-) -> Result<Reconstruction, ReconstructError> {
+) -> Result<(Reconstruction, Kept), ReconstructError> {
     let mut warnings = Vec::new();
 
     // See: the object's visible side, and the space that is free.
@@ -42,9 +58,14 @@ pub(super) fn reconstruct(
     let measured: Vec<WeightedSample> =
         evidence.measured.iter().map(|s| weighted(s, params.full_weight_sigma)).collect();
     let guessed = guessed_samples(&moved, params.orbit.orientation);
-    let mut mesh = match params.surface() {
-        Surface::Implicit => implicit_mesh(&evidence, &measured, &guessed, params, stages),
-        other => point_mesh(&measured, &guessed, other, params)?,
+    let (mut mesh, field) = match params.surface() {
+        Surface::Implicit => {
+            let field =
+                with_problem(&evidence, &measured, &guessed, |problem| solve_implicit(problem, &params.implicit));
+            stages.begin("extract");
+            (field.extract(), Some(field))
+        }
+        other => (point_mesh(&measured, &guessed, other, params)?, None),
     };
 
     if mesh.is_empty() {
@@ -62,7 +83,7 @@ pub(super) fn reconstruct(
     warnings.extend(knowledge.as_ref().and_then(VertexKnowledge::warning));
     mesh.colors = color::paint(&mesh, params.color, knowledge.as_ref(), &scene.frame, &visible, &guesses);
     let visible_cloud = visible.cloud(&scene.frame);
-    Ok(Reconstruction {
+    let result = Reconstruction {
         mesh,
         visible: visible_cloud,
         felt: felt_cloud(&patches),
@@ -74,16 +95,17 @@ pub(super) fn reconstruct(
         touches,
         knowledge,
         warnings,
-    })
+    };
+    Ok((result, Kept { visible, evidence, patches, moved, guesses, measured, field }))
 }
 
 /// A measurement weighs 1 up to a σ of `full`, then falls as 1/σ².
-fn weighted(sample: &Sample, full: f64) -> WeightedSample {
+pub(super) fn weighted(sample: &Sample, full: f64) -> WeightedSample {
     let weight = (full / sample.sigma.max(1e-9)).powi(2).min(1.0);
     WeightedSample { position: sample.position, normal: sample.normal, weight, orientation: weight }
 }
 
-fn guessed_samples(moved: &MovedEvidence, orientation: f64) -> Vec<WeightedSample> {
+pub(super) fn guessed_samples(moved: &MovedEvidence, orientation: f64) -> Vec<WeightedSample> {
     let sample = |(s, &weight): (&Sample, &f64)| WeightedSample {
         position: s.position,
         normal: s.normal,
@@ -94,24 +116,21 @@ fn guessed_samples(moved: &MovedEvidence, orientation: f64) -> Vec<WeightedSampl
     moved.kept.iter().zip(&moved.weights).chain(far).map(sample).collect()
 }
 
-fn implicit_mesh(
+/// Poses the fusion's problem to `solve`.
+pub(super) fn with_problem<T>(
     evidence: &Evidence,
     measured: &[WeightedSample],
     guessed: &[WeightedSample],
-    params: &ReconstructParams,
-    stages: &Stages,
-) -> TriangleMesh {
+    solve: impl FnOnce(&ImplicitProblem) -> T,
+) -> T {
     let free = &evidence.free_space;
-    let problem = ImplicitProblem {
+    solve(&ImplicitProblem {
         measured,
         guessed,
         bounds: evidence.bounds.inflated(12e-3),
         free: &|p| free.signed_distance(p),
         free_fine: &|p| free.clearance_with_pads(p),
-    };
-    let field = solve_implicit(&problem, &params.implicit);
-    stages.begin("extract");
-    field.extract()
+    })
 }
 
 /// The same evidence meshed by a method that knows nothing of free space.
@@ -129,12 +148,12 @@ fn point_mesh(
     })
 }
 
-fn sample_cloud(samples: &[Sample]) -> PointCloud {
+pub(super) fn sample_cloud(samples: &[Sample]) -> PointCloud {
     let points = samples.iter().map(|s| s.position).collect();
     PointCloud { points, normals: Some(samples.iter().map(|s| s.normal).collect()), colors: None }
 }
 
-fn weighted_cloud<'a>(samples: impl Iterator<Item = &'a WeightedSample>) -> PointCloud {
+pub(super) fn weighted_cloud<'a>(samples: impl Iterator<Item = &'a WeightedSample>) -> PointCloud {
     let (points, normals) = samples.map(|s| (s.position, s.normal)).unzip();
     PointCloud { points, normals: Some(normals), colors: None }
 }

@@ -9,13 +9,16 @@ mod fused;
 mod paper;
 mod params;
 mod reconstruct;
+mod session;
 mod stages;
 mod trust;
 mod uncertainty;
+mod vertices;
 
 pub use color::ColorBy;
 pub use error::ReconstructError;
 pub use paper::{PaperError, PaperParams, PaperResult, PaperSurface, reconstruct_paper};
 pub use params::{Method, ReconstructParams, Surface, TouchParams};
 pub use reconstruct::{Reconstruction, SettledTouch, Stages, Warning, reconstruct};
+pub use session::{Followed, Session, Update};
 pub use uncertainty::{SigmaTerms, VertexKnowledge, VertexProvenance};

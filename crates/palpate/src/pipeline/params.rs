@@ -171,6 +171,15 @@ impl ReconstructParams {
         Ok(())
     }
 
+    /// Checked, and with the seed added to those of the stages.
+    pub(super) fn seeded(&self) -> Result<Self, ReconstructError> {
+        self.validate()?;
+        let mut params = self.clone();
+        params.segment.seed = params.segment.seed.wrapping_add(params.seed);
+        params.symmetry.seed = params.symmetry.seed.wrapping_add(params.seed);
+        Ok(params)
+    }
+
     /// The surface that will be used.
     pub fn surface(&self) -> Surface {
         self.surface.unwrap_or(match self.method {

@@ -100,11 +100,7 @@ pub fn reconstruct(
     params: &ReconstructParams,
     stages: &Stages,
 ) -> Result<Reconstruction, ReconstructError> {
-    params.validate()?;
-    let mut params = params.clone();
-    params.segment.seed = params.segment.seed.wrapping_add(params.seed);
-    params.symmetry.seed = params.symmetry.seed.wrapping_add(params.seed);
-    let params = &params;
+    let params = &params.seeded()?;
     let search = EvidenceSearch { params: params.symmetry };
     let stages = Stages {
         decoder: stages.decoder,
@@ -112,7 +108,7 @@ pub fn reconstruct(
         on_stage: stages.on_stage,
     };
     match params.method {
-        Method::Fused => fused::reconstruct(scene, params, &stages),
+        Method::Fused => Ok(fused::reconstruct(scene, params, &stages)?.0),
         Method::Paper => paper::reconstruct(scene, params, &stages),
     }
 }

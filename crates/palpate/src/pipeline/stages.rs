@@ -4,7 +4,7 @@ use super::reconstruct::{Stages, Warning};
 use super::{ReconstructError, ReconstructParams};
 use crate::camera::Visible;
 use crate::evidence::Evidence;
-use crate::geometry::Point;
+use crate::geometry::{Aabb, Point, Vector};
 use crate::scene::Scene;
 use crate::tactile::{Contact, DecodeError, LiftError, Patch, TactileDecoder, TactileSensor, Touch, lift};
 use rayon::prelude::*;
@@ -40,7 +40,7 @@ pub(super) fn feel(
 }
 
 /// What a touch recorded, or what its image shows.
-fn contact_of<'a>(
+pub(super) fn contact_of<'a>(
     touch: &'a Touch,
     decoder: Option<&dyn TactileDecoder>,
     sensor: &TactileSensor,
@@ -65,15 +65,10 @@ pub(super) fn gather(
     if let Some(bounds) = seen.bounds() {
         let reach = params.touches.max_diagonals * bounds.diagonal();
         patches.retain(|(touch, patch)| {
-            let middle = patch.points.iter().map(|p| p.coords).sum::<crate::geometry::Vector>();
-            let middle = Point::from(middle / patch.points.len() as f64);
-            let off = (middle - middle.inf(&bounds.max).sup(&bounds.min)).norm();
-            if off > reach {
-                let reason =
-                    format!("it is {:.0} mm from the visible side, {:.0} mm are allowed", 1e3 * off, 1e3 * reach);
-                warnings.push(Warning::TouchLeftOut { touch: *touch, reason });
-            }
-            off <= reach
+            let reason = too_far(patch, &bounds, reach);
+            let kept = reason.is_none();
+            warnings.extend(reason.map(|reason| Warning::TouchLeftOut { touch: *touch, reason }));
+            kept
         });
     }
     let mut evidence_params = params.evidence;
@@ -84,21 +79,32 @@ pub(super) fn gather(
         Evidence::gather(&scene.frame, visible, &patches, &evidence_params)
     };
     let evidence = gather(&patches)?;
-    let inside_free = |patch: &Patch| {
-        let mut depths: Vec<f64> = patch.points.iter().map(|p| evidence.free_space.clearance(p)).collect();
-        let middle = depths.len() / 2;
-        *depths.select_nth_unstable_by(middle, f64::total_cmp).1
-    };
     let before = patches.len();
     patches.retain(|(touch, patch)| {
-        let depth = inside_free(patch);
-        let wrong = depth > params.touches.max_in_free_space;
-        if wrong {
-            let reason = format!("it lies {:.0} mm inside space that the camera proves free", 1e3 * depth);
-            warnings.push(Warning::TouchLeftOut { touch: *touch, reason });
-        }
-        !wrong
+        let reason = in_the_open(patch, &evidence, params.touches.max_in_free_space);
+        let kept = reason.is_none();
+        warnings.extend(reason.map(|reason| Warning::TouchLeftOut { touch: *touch, reason }));
+        kept
     });
     let evidence = if patches.len() == before { evidence } else { gather(&patches)? };
     Ok((evidence, patches))
+}
+
+/// Why a touch is too far from what is seen to be of this object, if it is.
+///
+/// * `reach` – allowed from the box of the visible side, metres
+pub(super) fn too_far(patch: &Patch, visible: &Aabb, reach: f64) -> Option<String> {
+    let middle = patch.points.iter().map(|p| p.coords).sum::<Vector>();
+    let middle = Point::from(middle / patch.points.len() as f64);
+    let off = (middle - middle.inf(&visible.max).sup(&visible.min)).norm();
+    let reason = || format!("it is {:.0} mm from the visible side, {:.0} mm are allowed", 1e3 * off, 1e3 * reach);
+    (off > reach).then(reason)
+}
+
+/// Why a touch cannot be where the camera looks through, if half of it lies deeper there than allowed (metres).
+pub(super) fn in_the_open(patch: &Patch, evidence: &Evidence, allowed: f64) -> Option<String> {
+    let mut depths: Vec<f64> = patch.points.iter().map(|p| evidence.free_space.clearance(p)).collect();
+    let middle = depths.len() / 2;
+    let depth = *depths.select_nth_unstable_by(middle, f64::total_cmp).1;
+    (depth > allowed).then(|| format!("it lies {:.0} mm inside space that the camera proves free", 1e3 * depth))
 }

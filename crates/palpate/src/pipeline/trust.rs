@@ -30,11 +30,8 @@ pub(super) fn settle(
     stages: &Stages,
     warnings: &mut Vec<Warning>,
 ) -> Result<Settled, ReconstructError> {
-    let stated = PoseSigma {
-        translation: scene.pose_sigma.translation.max(params.evidence.pose_sigma_translation),
-        rotation: scene.pose_sigma.rotation.max(params.evidence.pose_sigma_rotation),
-    };
-    let uncertain = stated.translation > 0.0 || stated.rotation > 0.0;
+    let stated = stated_sigma(scene, params);
+    let uncertain = is_uncertain(&stated);
     let mut trial = Trial { evidence, covariances: vec![covariance(&stated); patches.len()], patches };
     let mut symmetry = stages.estimator().estimate(&trial.evidence);
     if trial.patches.is_empty() {
@@ -121,13 +118,25 @@ impl Trial {
     }
 }
 
-fn covariance(sigma: &PoseSigma) -> Matrix6<f64> {
+/// What the scene or the parameters say of the poses, whichever is more.
+pub(super) fn stated_sigma(scene: &Scene, params: &ReconstructParams) -> PoseSigma {
+    PoseSigma {
+        translation: scene.pose_sigma.translation.max(params.evidence.pose_sigma_translation),
+        rotation: scene.pose_sigma.rotation.max(params.evidence.pose_sigma_rotation),
+    }
+}
+
+pub(super) fn is_uncertain(sigma: &PoseSigma) -> bool {
+    sigma.translation > 0.0 || sigma.rotation > 0.0
+}
+
+pub(super) fn covariance(sigma: &PoseSigma) -> Matrix6<f64> {
     let (r, t) = (sigma.rotation.powi(2), sigma.translation.powi(2));
     Matrix6::from_diagonal(&Vector6::new(r, r, r, t, t, t))
 }
 
 /// σ of a pose along the press, and of its tilt.
-fn width(covariance: &Matrix6<f64>) -> PoseSigma {
+pub(super) fn width(covariance: &Matrix6<f64>) -> PoseSigma {
     let of = |i: usize| covariance[(i, i)].max(0.0);
     PoseSigma { translation: of(5).sqrt(), rotation: of(0).max(of(1)).sqrt() }
 }

@@ -80,6 +80,7 @@ pub struct SigmaTerms {
 pub(super) struct Guesses {
     samples: Vec<Sample>,
     index: SampleIndex,
+    tree: KdTree,
     sources: Vec<crate::symmetry::Motion>,
     sigma: GuessSigma,
 }
@@ -89,10 +90,23 @@ impl Guesses {
         let radius = copying_radius(evidence, symmetry);
         Self {
             samples: moved.kept.clone(),
-            index: SampleIndex::new(&moved.kept, 2e-3, REACH),
+            index: SampleIndex::new(&moved.kept, SPACING, REACH),
+            tree: tree(&moved.kept),
             sources: moved.copyings.iter().map(|c| c.motion.inverse()).collect(),
             sigma: GuessSigma::new(evidence, symmetry, &moved.copyings, radius, arc),
         }
+    }
+
+    /// Takes in copies of further evidence by the same motions. Those that were dropped meanwhile stay: what replaced them is nearer.
+    pub(super) fn extend(&mut self, new: &[Sample]) {
+        let from = self.samples.len();
+        self.samples.extend(new);
+        self.index.insert(&self.samples, from, SPACING, REACH);
+    }
+
+    /// The σ of the copies.
+    pub(super) fn sigma(&self) -> &GuessSigma {
+        &self.sigma
     }
 
     /// Where the evidence lay that was copied to `p`, and on which copy that rests; `None` where no copy is near.
@@ -103,8 +117,10 @@ impl Guesses {
     }
 }
 
+/// Spacing of the look-up of copies, metres.
+const SPACING: f64 = 2e-3;
 /// Reach of the look-ups, metres; beyond it a tree is asked.
-const REACH: f64 = 10e-3;
+pub(super) const REACH: f64 = 10e-3;
 /// Cosine from which a sample speaks for a vertex.
 const AGREES: f64 = 0.3;
 /// Neighbours asked for one that faces the same way, beyond the reach of the index.
@@ -112,35 +128,43 @@ const NEIGHBOURS: usize = 12;
 
 /// σ and provenance of every vertex. O(vertices) look-ups, a tree query where evidence is far.
 pub(super) fn vertex_knowledge(mesh: &TriangleMesh, evidence: &Evidence, guesses: &Guesses) -> VertexKnowledge {
-    let measured = Nearest::new(&evidence.samples, &evidence.index);
-    let copied = Nearest::new(&guesses.samples, &guesses.index);
+    knowledge_where(mesh, evidence, guesses, |_| None)
+}
+
+/// The same, but what `known` says of a vertex (by its number) is taken over.
+pub(super) fn knowledge_where(
+    mesh: &TriangleMesh,
+    evidence: &Evidence,
+    guesses: &Guesses,
+    known: impl Fn(usize) -> Option<SigmaTerms> + Sync,
+) -> VertexKnowledge {
+    let tree = tree(&evidence.samples);
+    let measured = Nearest { samples: &evidence.samples, index: &evidence.index, tree: &tree };
+    let copied = Nearest { samples: &guesses.samples, index: &guesses.index, tree: &guesses.tree };
     let normals = mesh.vertex_normals();
-    let terms: Vec<SigmaTerms> = mesh
-        .vertices
-        .par_iter()
-        .zip(&normals)
-        .map(|(p, n)| terms(p, n, &measured, &copied, evidence, guesses))
-        .collect();
+    let of = |i: usize| terms(&mesh.vertices[i], &normals[i], &measured, &copied, evidence, guesses);
+    let terms: Vec<SigmaTerms> =
+        (0..mesh.vertices.len()).into_par_iter().map(|i| known(i).unwrap_or_else(|| of(i))).collect();
     let (sigma, provenance) = terms.iter().map(model).unzip();
     VertexKnowledge { sigma, provenance, terms }
+}
+
+fn tree(samples: &[Sample]) -> KdTree {
+    KdTree::new(&samples.iter().map(|s| s.position).collect::<Vec<_>>())
 }
 
 /// Nearest sample that faces the same way: by the grid where one is near, else by a tree.
 struct Nearest<'a> {
     samples: &'a [Sample],
     index: &'a SampleIndex,
-    tree: KdTree,
+    /// Of the samples, or of the first of them.
+    tree: &'a KdTree,
 }
 
 /// The sample found: its number, distance from its plane and along it, and the cosine of the normals.
 type Found = (usize, f64, f64, f64);
 
 impl<'a> Nearest<'a> {
-    fn new(samples: &'a [Sample], index: &'a SampleIndex) -> Self {
-        let points: Vec<Point> = samples.iter().map(|s| s.position).collect();
-        Self { samples, index, tree: KdTree::new(&points) }
-    }
-
     fn find(&self, p: &Point, n: &Vector) -> Option<Found> {
         if let Some(m) = self.index.nearest_agreeing(self.samples, p, n, AGREES) {
             return Some((m.sample, m.plane_offset, m.tangential, m.agreement));

@@ -58,10 +58,7 @@ pub fn extract_isosurface(
                     (vertices.len() - 1) as u32
                 });
             }
-            let at = |i: u8| vertices[ids[i as usize] as usize];
-            let shorter = face_loop.other.is_some() && (at(0) - at(2)).norm_squared() > (at(1) - at(3)).norm_squared();
-            let triangles = if shorter { face_loop.other.as_ref() } else { None }.unwrap_or(&face_loop.triangles);
-            faces.extend(triangles.iter().map(|t| t.map(|i| ids[i as usize])));
+            face_loop.push_triangles(&ids, &vertices, &mut faces);
         }
     }
     TriangleMesh { vertices, faces, colors: None }
@@ -110,15 +107,25 @@ const FACE_MASKS: [[u8; 2]; 3] = [[0x55, 0xAA], [0x33, 0xCC], [0x0F, 0xF0]];
 
 /// One closed loop of a cell: the edges it crosses in order, and its triangles as positions in that list.
 #[derive(Debug)]
-struct Loop {
-    edges: Vec<u8>,
+pub(super) struct Loop {
+    pub(super) edges: Vec<u8>,
     triangles: Vec<[u8; 3]>,
     /// For four edges: the triangles of the other diagonal, where that is allowed too.
     other: Option<Vec<[u8; 3]>>,
 }
 
+impl Loop {
+    /// Adds the triangles, those of the shorter diagonal where there is a choice. `ids` – the vertices on `edges`.
+    pub(super) fn push_triangles(&self, ids: &[u32; 12], vertices: &[Point], faces: &mut Vec<[u32; 3]>) {
+        let at = |i: u8| vertices[ids[i as usize] as usize];
+        let shorter = self.other.is_some() && (at(0) - at(2)).norm_squared() > (at(1) - at(3)).norm_squared();
+        let triangles = if shorter { self.other.as_ref() } else { None }.unwrap_or(&self.triangles);
+        faces.extend(triangles.iter().map(|t| t.map(|i| ids[i as usize])));
+    }
+}
+
 /// The loops of each of the 256 sign patterns (bit c set: corner c is inside; corner bits are x, y, z).
-static CASES: LazyLock<Vec<Vec<Loop>>> = LazyLock::new(|| (0..=255).map(loops_of_case).collect());
+pub(super) static CASES: LazyLock<Vec<Vec<Loop>>> = LazyLock::new(|| (0..=255).map(loops_of_case).collect());
 
 /// Edge number 4·axis + 2·v + u: along `axis`, starting at the corner with bits u and v on the two other axes in cyclic order.
 fn edge_between(a: u8, b: u8) -> u8 {
@@ -128,7 +135,7 @@ fn edge_between(a: u8, b: u8) -> u8 {
 }
 
 /// First corner of an edge and its axis.
-fn edge_start(edge: u8) -> (u8, usize) {
+pub(super) fn edge_start(edge: u8) -> (u8, usize) {
     let axis = edge / 4;
     (((edge & 1) << ((axis + 1) % 3)) | (((edge >> 1) & 1) << ((axis + 2) % 3)), axis as usize)
 }
@@ -231,7 +238,7 @@ fn edge_key(cell: [i32; 3], edge: u8) -> u64 {
     (pack(corner_of(cell, start)) << 2) | axis as u64
 }
 
-fn edge_vertex(
+pub(super) fn edge_vertex(
     cell: [i32; 3],
     edge: u8,
     value: &impl Fn([i32; 3]) -> f64,

@@ -5,6 +5,7 @@ mod error;
 mod hole_filling;
 mod implicit;
 mod isosurface;
+mod isosurface_grid;
 mod poisson;
 
 pub use ball_pivoting::{BallPivotingParams, ball_pivoting};

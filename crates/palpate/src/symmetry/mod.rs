@@ -13,6 +13,7 @@ mod refine;
 mod resting;
 mod score;
 mod verdict;
+mod watch;
 
 pub use element::{Motion, SymmetryElement};
 pub(crate) use element::{tangents, tilted};
@@ -20,3 +21,4 @@ pub use estimate::{EvidenceSearch, Hypothesis, Rejection, Symmetry, SymmetryEsti
 pub use params::{SymmetryError, SymmetryParams};
 pub use score::Score;
 pub use verdict::{Verdict, verdict_cloud, verdicts};
+pub use watch::contradicted;

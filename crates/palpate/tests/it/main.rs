@@ -16,5 +16,6 @@ mod property;
 mod readers;
 mod robust;
 mod segment;
+mod session;
 mod touch;
 mod workshop;

@@ -9,6 +9,7 @@ pub(crate) mod compare;
 pub(crate) mod config;
 pub(crate) mod decode;
 pub(crate) mod explore;
+mod follow;
 pub(crate) mod import;
 pub(crate) mod init;
 pub(crate) mod inspect;

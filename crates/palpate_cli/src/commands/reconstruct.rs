@@ -6,7 +6,7 @@ use anyhow::{Context as _, bail};
 use palpate::geometry::PointCloud;
 use palpate::io::{self, PropertyValues, SceneFile, VertexProperty};
 use palpate::pipeline::{self, ColorBy, Method, ReconstructParams, Reconstruction, Stages, Surface, Warning};
-use palpate::tactile::{NoContact, TactileDecoder};
+use palpate::tactile::{NoContact, TactileDecoder, Touch};
 use std::path::{Path, PathBuf};
 
 #[derive(clap::Args)]
@@ -15,15 +15,16 @@ use std::path::{Path, PathBuf};
   palpate reconstruct scene --output mug.glb --pick 320,240 --report mug.json --keep mug_steps
   palpate reconstruct plate --output plate.ply --wall 2
   palpate reconstruct scenes/* --output meshes/ --method paper --surface ball-pivoting
+  palpate reconstruct scene --output mug.ply --follow
 
 Exit status 3: a mesh was written, but something was lost on the way (a touch left out, the object cut by the image border).")]
 pub(crate) struct Args {
     /// Scene folders (see `palpate init`) or objects of the YCB-Sight set; several make OUT a folder.
     #[arg(required = true, value_name = "SCENE")]
-    scenes: Vec<PathBuf>,
+    pub(super) scenes: Vec<PathBuf>,
     /// Mesh to write, world frame, metres: .ply, .obj, .stl or .glb.
     #[arg(short, long, value_name = "OUT")]
-    output: PathBuf,
+    pub(super) output: PathBuf,
     /// fused = ours, weighs all evidence; paper = the published method.
     #[arg(long, value_enum)]
     method: Option<MethodArg>,
@@ -38,7 +39,7 @@ pub(crate) struct Args {
     wall: Option<f64>,
     /// Use only the first N touches.
     #[arg(long, value_name = "N")]
-    max_touches: Option<usize>,
+    pub(super) max_touches: Option<usize>,
     /// Where height maps come from.
     #[arg(long, value_enum, default_value_t = DecoderArg::Auto)]
     decoder: DecoderArg,
@@ -59,6 +60,13 @@ pub(crate) struct Args {
     /// Parameters as TOML; `palpate config` prints all of them. Flags win over the file.
     #[arg(long, value_name = "FILE")]
     config: Option<PathBuf>,
+    /// Stay, and write the mesh anew after each touch that is added to the scene (`palpate capture` adds them). Ends after
+    /// --max-touches if given.
+    #[arg(long, conflicts_with_all = ["report", "keep", "method", "surface"])]
+    follow: bool,
+    /// With --follow: start again with all touches once none has come for this long, seconds; inf = never.
+    #[arg(long, value_name = "S", default_value_t = 1.0, requires = "follow")]
+    pub(super) settle: f64,
 }
 
 #[derive(Clone, Copy, clap::ValueEnum)]
@@ -118,6 +126,9 @@ impl DecoderArg {
 
 pub(crate) fn run(args: Args) -> anyhow::Result<Outcome> {
     let params = effective_params(&args)?;
+    if args.follow {
+        return super::follow::run(&args, &params);
+    }
     if args.scenes.len() == 1 {
         let (report, keep) = (args.report.as_deref(), args.keep.as_deref());
         return reconstruct_one(&args.scenes[0], &args.output, report, keep, &params, &args);
@@ -239,16 +250,26 @@ fn reconstruct_one(
     Ok(if result.warnings.iter().any(Warning::is_loss) { Outcome::Degraded } else { Outcome::Done })
 }
 
+/// Recorded maps beside an image go where the images were asked for.
+pub(super) fn drop_unwanted_maps(touch: &mut Touch, args: &Args) {
+    let images = args.decoder.kind().is_some() && args.decoder != DecoderArg::Auto;
+    if images && touch.image.is_some() {
+        touch.contact = None;
+    }
+}
+
 /// The decoder of the scene's tactile images, if any is to be decoded. Recorded maps beside images are dropped where the images
 /// were asked for.
-fn decoder(file: &mut SceneFile, folder: &Path, args: &Args) -> anyhow::Result<Option<Box<dyn TactileDecoder>>> {
+pub(super) fn decoder(
+    file: &mut SceneFile,
+    folder: &Path,
+    args: &Args,
+) -> anyhow::Result<Option<Box<dyn TactileDecoder>>> {
     let Some(kind) = args.decoder.kind() else { return Ok(None) };
-    if args.decoder != DecoderArg::Auto {
-        for touch in file.scene.touches.iter_mut().filter(|touch| touch.image.is_some()) {
-            touch.contact = None;
-        }
-    }
-    let needed = file.scene.touches.iter().any(|touch| touch.contact.is_none() && touch.image.is_some());
+    file.scene.touches.iter_mut().for_each(|touch| drop_unwanted_maps(touch, args));
+    let with_image = |touch: &Touch| touch.contact.is_none() && touch.image.is_some();
+    // Which touches will come is not known.
+    let needed = file.scene.touches.iter().any(with_image) || (args.follow && file.tactile_background.is_some());
     let Some(sensor) = file.scene.sensor.as_ref().filter(|_| needed) else { return Ok(None) };
     let background = file.tactile_background.clone().with_context(|| {
         format!("scene '{}': [sensor] background (the no-contact image) is needed to decode images", file.scene.name)
@@ -279,7 +300,7 @@ fn read_input(folder: &Path, seed: u64) -> anyhow::Result<SceneFile> {
 }
 
 /// The mesh; as PLY with σ (millimetres) and provenance of each vertex where they are known.
-fn write_result(path: &Path, result: &Reconstruction) -> anyhow::Result<()> {
+pub(super) fn write_result(path: &Path, result: &Reconstruction) -> anyhow::Result<()> {
     let Some(knowledge) = &result.knowledge else { return Ok(io::write_mesh(path, &result.mesh)?) };
     let sigma: Vec<f32> = knowledge.sigma.iter().map(|s| (1e3 * s) as f32).collect();
     let provenance: Vec<u8> = knowledge.provenance.iter().map(|p| *p as u8).collect();

@@ -7,6 +7,7 @@ mod capture_sockets;
 mod compare;
 mod decode;
 mod explore;
+mod follow;
 mod import;
 mod presses;
 mod reconstruct;

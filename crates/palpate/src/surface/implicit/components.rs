@@ -1,6 +1,16 @@
 use super::level::Level;
 use crate::geometry::Point;
 
+/// [`clean`] of a part of a grid that was clean: what reaches the part's border is taken to go on beyond it.
+///
+/// * `needed` – anchors from which an isolated component is kept
+pub(super) fn clean_part(level: &mut Level, anchors: &[Point], needed: f64) {
+    let labels = Labels::new(level, true);
+    let (open, held) = (labels.open(level), labels.held(level, anchors));
+    labels.drop_unless(level, |c| open[c] || held[c] as f64 > needed);
+    fill_cavities(level);
+}
+
 /// Removes what no evidence asks for: negative components without samples and enclosed positive cavities.
 ///
 /// Keeps the largest negative component and those whose `anchors` are more than `share` of all; everything else becomes outside
@@ -15,38 +25,15 @@ fn drop_small_solids(level: &mut Level, anchors: &[Point], share: f64) {
     if labels.count() < 2 {
         return;
     }
-    let mut held = vec![0usize; labels.count()];
-    let mut total = 0usize;
-    for p in anchors {
-        // The sample lies on the surface: any inside corner of its cell tells the component.
-        let Some((b, _)) = level.locate(p) else { continue };
-        let corner = (0..8).map(|c| level.index(b[0] + (c & 1), b[1] + (c >> 1 & 1), b[2] + (c >> 2)));
-        if let Some(label) = corner.filter(|&n| level.values[n] < 0.0).find_map(|n| labels.of(level, n)) {
-            held[label] += 1;
-            total += 1;
-        }
-    }
+    let held = labels.held(level, anchors);
+    let total = held.iter().sum::<usize>();
     let largest = (0..labels.count()).max_by_key(|&c| (labels.sizes[c], usize::MAX - c));
-    let keep: Vec<bool> = (0..labels.count())
-        .map(|c| Some(c) == largest || (total > 0 && held[c] as f64 > share * total as f64))
-        .collect();
-    for (run, &label) in labels.runs.iter().zip(&labels.label) {
-        if !keep[label] {
-            level.values[run.start..run.end].iter_mut().for_each(|v| *v = v.abs().max(0.05));
-        }
-    }
+    labels.drop_unless(level, |c| Some(c) == largest || (total > 0 && held[c] as f64 > share * total as f64));
 }
 
 fn fill_cavities(level: &mut Level) {
     let labels = Labels::new(level, false);
-    let [nx, ny, nz] = level.dims;
-    let mut open = vec![false; labels.count()];
-    for (run, &label) in labels.runs.iter().zip(&labels.label) {
-        let (j, k) = (run.start / nx % ny, run.start / (nx * ny));
-        if j == 0 || k == 0 || j + 1 == ny || k + 1 == nz || run.start % nx == 0 || run.end % nx == 0 {
-            open[label] = true;
-        }
-    }
+    let open = labels.open(level);
     for (run, &label) in labels.runs.iter().zip(&labels.label) {
         if !open[label] {
             level.values[run.start..run.end].iter_mut().for_each(|v| *v = -v.abs().max(0.05));
@@ -117,6 +104,42 @@ impl Labels {
 
     fn count(&self) -> usize {
         self.sizes.len()
+    }
+
+    /// Which components reach the border of the grid.
+    fn open(&self, level: &Level) -> Vec<bool> {
+        let [nx, ny, nz] = level.dims;
+        let mut open = vec![false; self.count()];
+        for (run, &label) in self.runs.iter().zip(&self.label) {
+            let (j, k) = (run.start / nx % ny, run.start / (nx * ny));
+            let at_end = run.start % nx == 0 || run.end % nx == 0;
+            open[label] |= at_end || j == 0 || k == 0 || j + 1 == ny || k + 1 == nz;
+        }
+        open
+    }
+
+    /// How many anchors each component carries.
+    fn held(&self, level: &Level, anchors: &[Point]) -> Vec<usize> {
+        let mut held = vec![0usize; self.count()];
+        for p in anchors {
+            // The sample lies on the surface: any inside corner of its cell tells the component.
+            let Some((b, _)) = level.locate(p) else { continue };
+            let corner = (0..8).map(|c| level.index(b[0] + (c & 1), b[1] + (c >> 1 & 1), b[2] + (c >> 2)));
+            if let Some(label) = corner.filter(|&n| level.values[n] < 0.0).find_map(|n| self.of(level, n)) {
+                held[label] += 1;
+            }
+        }
+        held
+    }
+
+    /// Makes the other components outside.
+    fn drop_unless(&self, level: &mut Level, keep: impl Fn(usize) -> bool) {
+        let keep: Vec<bool> = (0..self.count()).map(keep).collect();
+        for (run, &label) in self.runs.iter().zip(&self.label) {
+            if !keep[label] {
+                level.values[run.start..run.end].iter_mut().for_each(|v| *v = v.abs().max(0.05));
+            }
+        }
     }
 
     fn of(&self, level: &Level, node: usize) -> Option<usize> {

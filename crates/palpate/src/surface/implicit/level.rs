@@ -34,6 +34,49 @@ impl Level {
         level
     }
 
+    /// The grid with this many more nodes before and after it on each axis. They hold the value of the nearest old one plus their distance from it.
+    pub(super) fn grown(&self, before: [usize; 3], after: [usize; 3]) -> Self {
+        let dims = [0, 1, 2].map(|a| self.dims[a] + before[a] + after[a]);
+        let shift = Vector::new(before[0] as f64, before[1] as f64, before[2] as f64) * self.spacing;
+        let nearest = |i: usize, a: usize| i.saturating_sub(before[a]).min(self.dims[a] - 1);
+        let mut values = Vec::with_capacity(dims[0] * dims[1] * dims[2]);
+        for (k, j) in (0..dims[2]).flat_map(|k| (0..dims[1]).map(move |j| (k, j))) {
+            for i in 0..dims[0] {
+                let at = [nearest(i, 0), nearest(j, 1), nearest(k, 2)];
+                let off = |n: usize, a: usize| (n as f32 - (at[a] + before[a]) as f32).powi(2);
+                let away = (off(i, 0) + off(j, 1) + off(k, 2)).sqrt();
+                values.push(self.values[self.index(at[0], at[1], at[2])] + away);
+            }
+        }
+        Self { origin: self.origin - shift, spacing: self.spacing, dims, values, runs: vec![Vec::new(); dims[2]] }
+    }
+
+    /// The nodes from `low` to below `high` on each axis as a grid of their own, none of them active.
+    pub(super) fn crop(&self, low: [usize; 3], high: [usize; 3]) -> Self {
+        let dims = [0, 1, 2].map(|a| high[a] - low[a]);
+        let mut values = Vec::with_capacity(dims[0] * dims[1] * dims[2]);
+        for k in low[2]..high[2] {
+            for j in low[1]..high[1] {
+                let row = self.index(low[0], j, k);
+                values.extend_from_slice(&self.values[row..row + dims[0]]);
+            }
+        }
+        let origin = self.position(low[0], low[1], low[2]);
+        Self { origin, spacing: self.spacing, dims, values, runs: vec![Vec::new(); dims[2]] }
+    }
+
+    /// Takes over the values of a [`Self::crop`] from `low`, less `rim` nodes on every side of it.
+    pub(super) fn paste(&mut self, part: &Self, low: [usize; 3], rim: usize) {
+        let [nx, ny, nz] = part.dims;
+        for k in rim..nz.saturating_sub(rim) {
+            for j in rim..ny.saturating_sub(rim) {
+                let (from, to) = (part.index(rim, j, k), self.index(low[0] + rim, low[1] + j, low[2] + k));
+                let length = nx.saturating_sub(2 * rim);
+                self.values[to..to + length].copy_from_slice(&part.values[from..from + length]);
+            }
+        }
+    }
+
     /// Number of nodes a grid over `bounds` would have.
     pub(super) fn node_count(bounds: &Aabb, spacing: f64) -> f64 {
         let size = bounds.size() / spacing;
@@ -48,6 +91,12 @@ impl Level {
     #[inline]
     pub(super) fn position(&self, i: usize, j: usize, k: usize) -> Point {
         self.origin + Vector::new(i as f64, j as f64, k as f64) * self.spacing
+    }
+
+    /// The box of all nodes.
+    pub(super) fn bounds(&self) -> Aabb {
+        let [nx, ny, nz] = self.dims;
+        Aabb { min: self.origin, max: self.position(nx - 1, ny - 1, nz - 1) }
     }
 
     /// Nodes in one plane of constant k.

@@ -22,7 +22,7 @@ mod update;
 pub use cloud::implicit_surface;
 pub use params::{ImplicitParams, PriorParams, ShellParams};
 
-use super::isosurface::extract_isosurface;
+use super::isosurface_grid::extract_grid;
 use crate::geometry::{Aabb, Point, TriangleMesh, Vector};
 use data::DataTerm;
 use level::Level;
@@ -242,30 +242,8 @@ impl ImplicitField {
     /// O(nodes) to find the cells that it crosses, then O(surface).
     pub fn extract(&self) -> TriangleMesh {
         let level = &self.level;
-        let (nx, ny, nz) = (level.dims[0], level.dims[1], level.dims[2]);
-        let cells: Vec<[i32; 3]> = (0..nz - 1)
-            .into_par_iter()
-            .flat_map_iter(|k| {
-                let mut found = Vec::new();
-                for j in 0..ny - 1 {
-                    let rows = [(0, 0), (1, 0), (0, 1), (1, 1)].map(|(dj, dk)| level.index(0, j + dj, k + dk));
-                    for i in 0..nx - 1 {
-                        let inside = rows
-                            .iter()
-                            .map(|&row| {
-                                u8::from(level.values[row + i] < 0.0) + u8::from(level.values[row + i + 1] < 0.0)
-                            })
-                            .sum::<u8>();
-                        if inside > 0 && inside < 8 {
-                            found.push([i as i32, j as i32, k as i32]);
-                        }
-                    }
-                }
-                found
-            })
-            .collect();
-        let value = |c: [i32; 3]| f64::from(level.values[level.index(c[0] as usize, c[1] as usize, c[2] as usize)]);
-        extract_isosurface(&cells, value, |c| level.position(c[0] as usize, c[1] as usize, c[2] as usize))
+        let at = |c: [i32; 3]| level.position(c[0] as usize, c[1] as usize, c[2] as usize);
+        extract_grid(&level.values, level.dims, at)
     }
 }
 
