@@ -28,11 +28,11 @@ pub fn refine_touch(
         .iter()
         .zip(known.1)
         .enumerate()
-        .map(|(i, (patch, covariance))| others.place(i, patch, &Fit::stated(*covariance)))
+        .map(|(i, (patch, covariance))| others.place(i, patch, &Fit::stated(covariance)))
         .collect();
     let number = placed.len();
     placed.push(Placed::nothing());
-    let mut last = Fit::stated(Matrix6::from_diagonal(&prior.map(|p| 1.0 / p)));
+    let mut last = Fit::stated(&Matrix6::from_diagonal(&prior.map(|p| 1.0 / p)));
     for _ in 0..params.rounds {
         last = fit(number, touch, &last, &others, &placed, &prior, params);
     }

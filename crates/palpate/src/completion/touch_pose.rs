@@ -84,7 +84,7 @@ pub fn refine_touches(
 ) -> Vec<RefinedTouch> {
     let prior = precision(sigma);
     let others = Others::new(evidence, patches, copies);
-    let mut fits = vec![Fit::stated(Matrix6::from_diagonal(&prior.map(|p| 1.0 / p))); patches.len()];
+    let mut fits = vec![Fit::stated(&Matrix6::from_diagonal(&prior.map(|p| 1.0 / p))); patches.len()];
     for _ in 0..params.rounds {
         let placed: Vec<Placed> =
             patches.iter().zip(&fits).enumerate().map(|(i, (p, f))| others.place(i, p, f)).collect();
@@ -124,8 +124,8 @@ pub(super) struct Fit {
 
 impl Fit {
     /// The pose as it is stated.
-    pub(super) fn stated(covariance: Matrix6<f64>) -> Self {
-        Self { xi: Vector6::zeros(), covariance, matched: [0; 2] }
+    pub(super) fn stated(covariance: &Matrix6<f64>) -> Self {
+        Self { xi: Vector6::zeros(), covariance: *covariance, matched: [0; 2] }
     }
 
     pub(super) fn finished(&self, patch: &Patch, prior: &Vector6<f64>) -> RefinedTouch {

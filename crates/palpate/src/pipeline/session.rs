@@ -157,7 +157,7 @@ impl<'a> Session<'a> {
         if let Some(reason) = self.cannot_be(&patch) {
             return Ok(self.left_out(number, reason));
         }
-        match self.know(number, patch, covariance) {
+        match self.know(number, patch, &covariance) {
             Taken::LeftOut(reason) => Ok(self.left_out(number, reason)),
             Taken::Again(followed) => {
                 self.torn = true;
@@ -208,11 +208,14 @@ impl<'a> Session<'a> {
     }
 
     /// Adds the touch to the evidence and its copies to the guesses, unless that calls for a new start.
-    fn know(&mut self, number: usize, patch: Patch, covariance: Matrix6<f64>) -> Taken {
+    fn know(&mut self, number: usize, patch: Patch, covariance: &Matrix6<f64>) -> Taken {
         let Kept { evidence, patches, moved, guesses, field, .. } = &mut self.kept;
         patches.push(patch);
-        let touch =
-            SettledTouch { touch: number, world_from_sensor: patches[patches.len() - 1].world_from_sensor, covariance };
+        let touch = SettledTouch {
+            touch: number,
+            world_from_sensor: patches[patches.len() - 1].world_from_sensor,
+            covariance: *covariance,
+        };
         self.result.touches.push(touch);
         if self.params.touches.judge {
             let widths: Vec<_> = self.result.touches.iter().map(|t| width(&t.covariance)).collect();
@@ -229,7 +232,7 @@ impl<'a> Session<'a> {
         }
         self.stages.begin("evidence");
         let last = patches.len() - 1;
-        let from = evidence.add_touch(&patches[last], last as u32, &covariance, &self.params.evidence);
+        let from = evidence.add_touch(&patches[last], last as u32, covariance, &self.params.evidence);
         let new = evidence.samples[from[0]..].iter().map(|s| &s.position);
         if !field.as_mut().is_some_and(|f| f.reach(new, ROOM, &self.params.implicit)) {
             return Taken::Again(Followed::Outgrown);

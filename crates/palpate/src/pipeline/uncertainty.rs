@@ -164,7 +164,7 @@ struct Nearest<'a> {
 /// The sample found: its number, distance from its plane and along it, and the cosine of the normals.
 type Found = (usize, f64, f64, f64);
 
-impl<'a> Nearest<'a> {
+impl Nearest<'_> {
     fn find(&self, p: &Point, n: &Vector) -> Option<Found> {
         if let Some(m) = self.index.nearest_agreeing(self.samples, p, n, AGREES) {
             return Some((m.sample, m.plane_offset, m.tangential, m.agreement));

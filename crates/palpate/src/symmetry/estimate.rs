@@ -325,7 +325,8 @@ mod tests {
         let mut params = crate::simulate::SimulateParams::default();
         params.touch.count = 0;
         let scene = crate::simulate::simulate_scene("bracket", &mesh, &params).expect("valid").scene;
-        let visible = crate::camera::segment_object(&scene.frame, &Default::default()).expect("seen");
+        let visible =
+            crate::camera::segment_object(&scene.frame, &crate::camera::SegmentParams::default()).expect("seen");
         let evidence = Evidence::gather(&scene.frame, &visible, &[], &EvidenceParams::default()).expect("seen");
         let params = SymmetryParams::default();
         let resting = resting_plane(&Scorer::new(&evidence, &params), None).expect("there is a support");

@@ -99,7 +99,9 @@ fn the_same_touches_give_the_same_mesh_whatever_the_number_of_threads() {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
         pool.install(|| {
             let (mut session, touches) = begin(scene.clone());
-            touches.into_iter().for_each(|t| drop(session.add_touch(t).expect("taken in")));
+            for touch in touches {
+                session.add_touch(touch).expect("taken in");
+            }
             session.reconstruction().clone()
         })
     };
