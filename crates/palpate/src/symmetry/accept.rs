@@ -15,6 +15,9 @@ const PERPENDICULAR: f64 = 0.17;
 const PARALLEL: f64 = 0.97;
 /// Contradiction per informative support from which touches may reject an axis.
 const BESIDE: f64 = 0.1;
+/// Share of the samples that may be a handle which opposes the axis, and the opposition that the rest may have per informative support.
+const HANDLE: f64 = 0.25;
+const BODY_RATIO: f64 = 0.1;
 /// Score by which a found plane must beat the one half way up.
 const CLEARLY: f64 = 0.1;
 
@@ -31,7 +34,7 @@ pub(super) fn judge(scorer: &Scorer, element: &SymmetryElement, score: &Score) -
         return Some(Rejection::LittleSupport { needed: least });
     }
     let allowed = ratio * score.informative + params.slack;
-    if score.opposition() >= allowed {
+    if score.opposition() >= allowed && !is_body_with_handle(scorer, element) {
         return Some(Rejection::Opposed { allowed });
     }
     match element {
@@ -48,7 +51,7 @@ pub(super) fn judge(scorer: &Scorer, element: &SymmetryElement, score: &Score) -
             if score.felt_opposition > allowed && score.contradiction > BESIDE * score.informative {
                 return Some(Rejection::Felt { allowed });
             }
-            let share = scorer.misfits(point, direction);
+            let (share, _) = scorer.misfits(point, direction, &Tolerances::fine(params));
             (share > params.misfits).then_some(Rejection::Misfits { share })
         }
         SymmetryElement::Sphere { .. } => {
@@ -56,6 +59,15 @@ pub(super) fn judge(scorer: &Scorer, element: &SymmetryElement, score: &Score) -
             (score.opposition() > allowed).then_some(Rejection::Opposed { allowed })
         }
     }
+}
+
+/// Whether an axis is opposed by a small part alone, while the rest is a body of revolution beyond doubt: a pitcher with its handle.
+fn is_body_with_handle(scorer: &Scorer, element: &SymmetryElement) -> bool {
+    let SymmetryElement::Axis { point, direction, .. } = element else { return false };
+    let params = scorer.params;
+    let (share, body) = scorer.misfits(point, direction, &Tolerances::fine(params));
+    let allowed = BODY_RATIO * body.informative + params.slack;
+    share < HANDLE && body.informative > params.axis_support && body.opposition() < allowed
 }
 
 /// 0–1: how much support there is, less what opposition takes of what is allowed.

@@ -277,6 +277,17 @@ mod tests {
     }
 
     #[test]
+    fn a_handle_does_not_cost_a_can_its_axis() {
+        let center = Point::new(0.0, 0.0, 0.05);
+        let handle = Solid::Box(Point::new(0.0, 0.058, 0.05), Vector::new(0.014, 0.028, 0.045), 0.0);
+        let symmetry = estimate(&[Solid::Cylinder(center, 0.035, 0.05), handle], &[]);
+        let axis = symmetry.accepted.iter().find(|h| matches!(h.element, SymmetryElement::Axis { .. }));
+        let axis = axis.expect("the can's axis");
+        let allowed = SymmetryParams::default().axis_ratio * axis.score.informative + SymmetryParams::default().slack;
+        assert!(axis.score.opposition() > allowed, "the handle hardly opposes: {axis:?}");
+    }
+
+    #[test]
     fn a_ball_has_its_centre_and_an_axis_across_the_view() {
         let center = Point::new(0.0, 0.0, 0.035);
         let evidence = evidence(&[Solid::Sphere(center, 0.035)], &[]);

@@ -205,10 +205,10 @@ impl<'a> Scorer<'a> {
         Some(Score { felt_opposition, ..Score::mean(&sum, count as f64) })
     }
 
-    /// Share of the votes of which more than an eighth of the turns about an axis end in free space.
+    /// Share of the votes of which more than an eighth of the turns about an axis end in free space, and the score of the others.
     ///
     /// On a body of revolution with a handle these are the handle's; on a box with a square base, nearly all.
-    pub(super) fn misfits(&self, point: &Point, direction: &Unit<Vector>) -> f64 {
+    pub(super) fn misfits(&self, point: &Point, direction: &Unit<Vector>, tolerances: &Tolerances) -> (f64, Score) {
         let motions: Vec<Motion> = self
             .turns
             .iter()
@@ -218,7 +218,13 @@ impl<'a> Scorer<'a> {
         let votes = &self.votes[..self.votes.len().min(300)];
         let free = |p: Point| self.evidence.free_space.clearance(&p) > self.params.violation_tolerance;
         let misfit = |s: &&Sample| motions.iter().filter(|m| free(m.point(&s.position))).count() * 8 > motions.len();
-        votes.iter().filter(misfit).count() as f64 / votes.len().max(1) as f64
+        let (misfits, fits): (Vec<&Sample>, Vec<&Sample>) = votes.iter().partition(misfit);
+        let mut sum = Score::default();
+        for (s, m) in fits.iter().flat_map(|s| motions.iter().map(move |m| (s, m))) {
+            self.vote(&mut sum, tolerances, s, &m.point(&s.position), &m.vector(&s.normal));
+        }
+        let others = Score::mean(&sum, (fits.len() * motions.len()) as f64);
+        (misfits.len() as f64 / votes.len().max(1) as f64, others)
     }
 
     /// The vote of one sample that moved to `p` with normal `n`.
