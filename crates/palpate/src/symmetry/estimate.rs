@@ -279,7 +279,7 @@ mod tests {
     #[test]
     fn a_handle_does_not_cost_a_can_its_axis() {
         let center = Point::new(0.0, 0.0, 0.05);
-        let handle = Solid::Box(Point::new(0.0, 0.058, 0.05), Vector::new(0.014, 0.028, 0.045), 0.0);
+        let handle = Solid::Box(Point::new(0.0, 0.056, 0.05), Vector::new(0.010, 0.026, 0.042), 0.0);
         let symmetry = estimate(&[Solid::Cylinder(center, 0.035, 0.05), handle], &[]);
         let axis = symmetry.accepted.iter().find(|h| matches!(h.element, SymmetryElement::Axis { .. }));
         let axis = axis.expect("the can's axis");

@@ -6,7 +6,7 @@ use palpate::pipeline::{
     Followed, Method, ReconstructError, ReconstructParams, Session, Stages, Update, Warning, reconstruct,
 };
 use palpate::scene::Scene;
-use palpate::simulate::{SimulateParams, Solid, TouchParams, simulate_scene};
+use palpate::simulate::{SimulateParams, Solid, TouchParams, TouchReach, simulate_scene};
 use palpate::tactile::Touch;
 
 fn params() -> ReconstructParams {
@@ -21,7 +21,8 @@ fn solid(name: &str) -> TriangleMesh {
 }
 
 fn scene(mesh: &TriangleMesh, touches: usize) -> Scene {
-    let touch = TouchParams { count: touches, map_width: 60, ..TouchParams::default() };
+    let reach = TouchReach::AboveSupport;
+    let touch = TouchParams { count: touches, map_width: 60, reach, ..TouchParams::default() };
     simulate_scene("solid", mesh, &SimulateParams { touch, ..SimulateParams::default() }).expect("valid").scene
 }
 
