@@ -8,7 +8,7 @@ const LEAST_POINTS: usize = 10;
 /// The implicit surface of an oriented cloud about which nothing else is known: no free space, no guesses.
 ///
 /// * `cell` – edge of the finest cells, metres; larger is smoother and faster. `None`: from spacing and noise of the points, as in
-///   [`super::screened_poisson`]. Either takes the place of `params.spacing`, so that any scale works
+///   [`crate::surface::screened_poisson`]. Either takes the place of `params.spacing`, so that any scale works
 ///
 /// # Errors
 /// [`SurfaceError`] for a cloud without normals, with too few points, with coordinates or normals that are not finite, or for a cell that is not positive.
