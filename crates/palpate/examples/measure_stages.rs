@@ -3,6 +3,10 @@
 //! The picture: 640×480, 0.1 mm a unit, the camera of `6dofgraspnet_mustard`. Prints name, median CPU seconds of five runs, and what came out; the peers' side
 //! is `benches/stages.py`.
 
+#[path = "shared/cpu.rs"]
+mod cpu;
+
+use cpu::cpu_seconds;
 use palpate::camera::{Background, DepthNoise, Frame, PinholeCamera, SmoothParams, smooth_depth};
 use palpate::geometry::{
     Bvh, Isometry, KdTree, PlaneRansac, Point, Raster, Vector, cluster_sizes, estimate_normals, euclidean_clusters,
@@ -14,16 +18,6 @@ use palpate::metrics::SurfaceSamples;
 use palpate::tactile::Integrator;
 use std::error::Error;
 use std::hint::black_box;
-
-/// Seconds that the threads of this process have run.
-fn cpu_seconds() -> f64 {
-    let tasks = std::fs::read_dir("/proc/self/task").into_iter().flatten().flatten();
-    let ran = |task: std::fs::DirEntry| -> Option<f64> {
-        let text = std::fs::read_to_string(task.path().join("schedstat")).ok()?;
-        text.split_whitespace().next()?.parse().ok()
-    };
-    tasks.filter_map(ran).sum::<f64>() * 1e-9
-}
 
 /// Runs the work five times and prints the median CPU time.
 fn measure<T>(name: &str, mut work: impl FnMut() -> T, result: impl Fn(&T) -> String) -> T {

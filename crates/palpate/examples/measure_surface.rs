@@ -6,6 +6,10 @@
 //!
 //! One JSON object on standard output, metres and seconds. CPU and memory are Linux's own counts (`/proc`).
 
+#[path = "shared/cpu.rs"]
+mod cpu;
+
+use cpu::cpu_seconds;
 use palpate::geometry::{PointCloud, Topology, TriangleMesh};
 use palpate::io::{read_cloud, write_mesh};
 use palpate::surface::{
@@ -73,16 +77,6 @@ fn mesh(cloud: &PointCloud, args: &Args) -> Result<Made, Box<dyn Error>> {
         }
         other => Err(format!("unknown method {other}").into()),
     }
-}
-
-/// Seconds that the threads of this process have run.
-fn cpu_seconds() -> f64 {
-    let tasks = std::fs::read_dir("/proc/self/task").into_iter().flatten().flatten();
-    let ran = |task: std::fs::DirEntry| -> Option<f64> {
-        let text = std::fs::read_to_string(task.path().join("schedstat")).ok()?;
-        text.split_whitespace().next()?.parse().ok()
-    };
-    tasks.filter_map(ran).sum::<f64>() * 1e-9
 }
 
 /// A line of `/proc/self/status` in MB.

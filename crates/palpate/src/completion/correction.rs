@@ -1,6 +1,6 @@
 use super::kriging::{Grid, Kriging, Place};
 use super::motion::Copying;
-use crate::evidence::{Evidence, Provenance};
+use crate::evidence::{Evidence, Sample};
 use rayon::prelude::*;
 
 /// A copy lands beside a measured surface, and not on another one, up to this offset, metres.
@@ -27,14 +27,14 @@ const GRID: Grid = Grid {
 ///
 /// Only where the copy or what it lands beside was felt: seen samples are beside their copies along the outline alone, where both are worst.
 ///
-/// O(samples · copyings).
-pub(super) fn corrections(evidence: &Evidence, copyings: &[Copying], families: usize) -> Vec<Option<Kriging>> {
-    let correction = |family| {
-        let members = copyings.iter().filter(|c| c.family as usize == family);
-        let misses: Vec<_> = members.flat_map(|c| misses(evidence, c)).collect();
+/// O(samples · copyings), nothing without touches.
+pub(super) fn corrections(evidence: &Evidence, families: &[Vec<&Copying>]) -> Vec<Option<Kriging>> {
+    let touched = evidence.samples.iter().any(Sample::is_felt);
+    let correction = |members: &Vec<&Copying>| {
+        let misses: Vec<_> = members.iter().filter(|_| touched).flat_map(|c| misses(evidence, c)).collect();
         Kriging::fit(&misses, &GRID)
     };
-    (0..families).into_par_iter().map(correction).collect()
+    families.par_iter().map(correction).collect()
 }
 
 /// The copies that land beside a measured sample, and by how much along its normal, where one of the two was felt.
@@ -47,7 +47,7 @@ fn misses<'a>(evidence: &'a Evidence, copying: &'a Copying) -> impl Iterator<Ite
         }
         let found = evidence.index.nearest_agreeing(samples, &position, &normal, AGREEMENT)?;
         let there = &samples[found.sample];
-        if s.provenance == Provenance::Seen && there.provenance == Provenance::Seen {
+        if !(s.is_felt() || there.is_felt()) {
             return None;
         }
         let miss = (there.position - position).dot(&there.normal);

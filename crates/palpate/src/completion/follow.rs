@@ -1,4 +1,4 @@
-use super::motion::Copying;
+use super::motion::families;
 use super::orbit::{Covered, MovedEvidence, OrbitParams, in_free_space, leaves_orbit, moved_sample};
 use crate::evidence::{Evidence, Provenance, Sample};
 use crate::geometry::Aabb;
@@ -33,14 +33,13 @@ impl MovedEvidence {
         let dropped = self.drop_contradicted(new, &outcasts, params);
         let added = self.kept.len();
         let covered = Covered::new(&evidence.samples, params);
-        let corrections = std::sync::Arc::clone(&self.corrections);
         let per_motion: Vec<[Vec<Sample>; 2]> = self
             .copyings
             .par_iter()
             .enumerate()
             .map(|(m, copying)| {
                 let out = &outcasts[copying.family as usize];
-                let correction = corrections.get(copying.family as usize).and_then(Option::as_ref);
+                let correction = self.corrections[copying.family as usize].as_ref();
                 let (mut kept, mut contradicted) = (Vec::new(), Vec::new());
                 for sample in new {
                     let moved = moved_sample(sample, copying, m, correction);
@@ -73,11 +72,7 @@ impl MovedEvidence {
         let bounds = bounds.inflated(params.measured_radius);
         let replaced = |s: &Sample| {
             bounds.contains(&s.position)
-                && new.iter().any(|n| {
-                    let away = (n.position - s.position).norm();
-                    n.normal.dot(&s.normal) > 0.5
-                        && away.hypot(params.normal_scale * (n.normal - s.normal).norm()) < params.measured_radius
-                })
+                && new.iter().any(|n| params.replaces(n, (n.position - s.position).norm(), &s.normal))
         };
         let copyings = &self.copyings;
         let ruled_out = |s: &Sample| {
@@ -101,16 +96,6 @@ impl MovedEvidence {
         (self.far_sides, self.far_weights) = far;
         dropped
     }
-}
-
-/// The copyings of each family.
-fn families(copyings: &[Copying]) -> Vec<Vec<&Copying>> {
-    let count = copyings.iter().map(|c| c.family as usize + 1).max().unwrap_or(0);
-    let mut families = vec![Vec::new(); count];
-    for copying in copyings {
-        families[copying.family as usize].push(copying);
-    }
-    families
 }
 
 fn close(a: &Sample, b: &Sample, radius: f64) -> bool {

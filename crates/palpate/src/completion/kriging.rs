@@ -1,3 +1,4 @@
+use crate::evidence::cell_and_side;
 use crate::geometry::{Point, Vector};
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 use std::collections::BTreeMap;
@@ -32,7 +33,7 @@ pub(super) struct Grid {
 /// # References
 /// Rasmussen & Williams, *Gaussian Processes for Machine Learning*, 2006, eq. 2.23–2.26, 2.30, 5.8; Wendland, *Piecewise polynomial,
 /// positive definite and compactly supported radial functions of minimal degree*, 1995.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(super) struct Kriging {
     anchors: Vec<Place>,
     weights: DVector<f64>,
@@ -112,9 +113,7 @@ fn averaged(observed: &[(Place, f64)]) -> (Vec<Place>, DVector<f64>) {
     let cells = loop {
         let mut cells: BTreeMap<[i32; 6], (Vector, Vector, f64, f64)> = BTreeMap::new();
         for ((p, n), value) in observed {
-            let at = |a: usize| (p[a] / size).floor() as i32;
-            let side = |a: usize| n[a].round() as i32;
-            let cell = cells.entry([at(0), at(1), at(2), side(0), side(1), side(2)]).or_default();
+            let cell = cells.entry(cell_and_side(p, n, size)).or_default();
             *cell = (cell.0 + p.coords, cell.1 + n, cell.2 + value, cell.3 + 1.0);
         }
         if cells.len() <= MOST {

@@ -20,6 +20,16 @@ impl Copying {
     }
 }
 
+/// The copyings of each family, in order.
+pub(super) fn families(copyings: &[Copying]) -> Vec<Vec<&Copying>> {
+    let count = copyings.iter().map(|c| c.family as usize + 1).max().unwrap_or(0);
+    let mut families = vec![Vec::new(); count];
+    for copying in copyings {
+        families[copying.family as usize].push(copying);
+    }
+    families
+}
+
 /// What an accepted plane counts at least: one that shows the unseen side has little support of its own.
 const LEAST_SCORE: f64 = 0.3;
 

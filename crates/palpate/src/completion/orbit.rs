@@ -1,13 +1,12 @@
 use super::correction::corrections;
 use super::kriging::Kriging;
-use super::motion::{Copying, copyings};
+use super::motion::{Copying, copyings, families};
 use super::thickness::far_sides;
 use crate::evidence::{Evidence, Provenance, Sample};
 use crate::geometry::{KdTree, Point, Vector};
 use crate::symmetry::Symmetry;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
-use std::sync::Arc;
 
 /// Parameters of moving the evidence.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -61,6 +60,13 @@ impl OrbitParams {
     pub(super) fn weight_of(&self, copying: &Copying) -> f64 {
         self.weight * (copying.score / self.full_score).clamp(0.0, 1.0)
     }
+
+    /// Whether a measured sample at this distance stands in for a guess with this normal: position and normal count together.
+    pub(super) fn replaces(&self, measured: &Sample, distance: f64, normal: &Vector) -> bool {
+        distance < self.measured_radius
+            && measured.normal.dot(normal) > 0.5
+            && distance.hypot(self.normal_scale * (measured.normal - normal).norm()) < self.measured_radius
+    }
 }
 
 /// The measured samples moved by the accepted symmetries, and those that evidence contradicted.
@@ -79,7 +85,7 @@ pub struct MovedEvidence {
     /// The copies made; `Provenance::Moved` points into it.
     pub copyings: Vec<Copying>,
     /// By how much each family of copies was moved, and later ones are.
-    pub(super) corrections: Arc<Vec<Option<Kriging>>>,
+    pub(super) corrections: Vec<Option<Kriging>>,
 }
 
 /// Moves every measured sample by every motion of the accepted symmetries and drops what evidence contradicts or already covers.
@@ -92,10 +98,10 @@ pub fn move_evidence(evidence: &Evidence, symmetry: &Symmetry, params: &OrbitPar
         return MovedEvidence::default();
     }
     let copyings = copyings(symmetry, copying_radius(evidence, symmetry), params.arc);
-    let families = copyings.iter().map(|m| m.family).max().map_or(0, |f| f as usize + 1);
-    let outcasts = outcasts(evidence, &copyings, families, params);
+    let families = families(&copyings);
+    let outcasts = outcasts(evidence, &families, params);
     let corrections =
-        if params.correct { corrections(evidence, &copyings, families) } else { (0..families).map(|_| None).collect() };
+        if params.correct { corrections(evidence, &families) } else { families.iter().map(|_| None).collect() };
     let covered = Covered::new(&evidence.samples, params);
     let per_motion: Vec<_> = copyings
         .par_iter()
@@ -115,7 +121,7 @@ pub fn move_evidence(evidence: &Evidence, symmetry: &Symmetry, params: &OrbitPar
             (kept, weight, contradicted)
         })
         .collect();
-    let mut out = MovedEvidence { copyings, corrections: Arc::new(corrections), ..MovedEvidence::default() };
+    let mut out = MovedEvidence { copyings, corrections, ..MovedEvidence::default() };
     for (kept, weight, contradicted) in per_motion {
         out.weights.extend(std::iter::repeat_n(weight, kept.len()));
         out.kept.extend(kept);
@@ -164,14 +170,10 @@ pub fn copying_radius(evidence: &Evidence, symmetry: &Symmetry) -> f64 {
 }
 
 /// For each family of motions: which samples, or neighbours of samples, are contradicted by their copies.
-fn outcasts(evidence: &Evidence, copyings: &[Copying], families: usize, params: &OrbitParams) -> Vec<Vec<bool>> {
+fn outcasts(evidence: &Evidence, families: &[Vec<&Copying>], params: &OrbitParams) -> Vec<Vec<bool>> {
     let points: Vec<Point> = evidence.samples.iter().map(|s| s.position).collect();
     let tree = KdTree::new(&points);
-    let mut members: Vec<Vec<&Copying>> = vec![Vec::new(); families];
-    for copying in copyings {
-        members[copying.family as usize].push(copying);
-    }
-    members
+    families
         .par_iter()
         .map(|members| {
             let mut bad = vec![false; points.len()];
@@ -200,23 +202,17 @@ pub(super) fn leaves_orbit(evidence: &Evidence, family: &[&Copying], p: &Point, 
 pub(super) struct Covered<'a> {
     samples: &'a [Sample],
     tree: KdTree,
-    radius: f64,
-    normal_scale: f64,
+    params: &'a OrbitParams,
 }
 
 impl<'a> Covered<'a> {
-    pub(super) fn new(samples: &'a [Sample], params: &OrbitParams) -> Self {
+    pub(super) fn new(samples: &'a [Sample], params: &'a OrbitParams) -> Self {
         let points: Vec<Point> = samples.iter().map(|s| s.position).collect();
         let tree = KdTree::new(&points);
-        Self { samples, tree, radius: params.measured_radius, normal_scale: params.normal_scale }
+        Self { samples, tree, params }
     }
 
     pub(super) fn holds(&self, p: &Point, n: &Vector) -> bool {
-        self.tree.nearest_n(p, 8).iter().any(|&(i, distance)| {
-            let s = &self.samples[i];
-            distance < self.radius
-                && s.normal.dot(n) > 0.5
-                && distance.hypot(self.normal_scale * (s.normal - n).norm()) < self.radius
-        })
+        self.tree.nearest_n(p, 8).iter().any(|&(i, distance)| self.params.replaces(&self.samples[i], distance, n))
     }
 }

@@ -1,9 +1,8 @@
 use super::kriging::{Grid, Kriging, Place};
 use super::orbit::{Covered, MovedEvidence, OrbitParams};
-use crate::evidence::{Evidence, Provenance, Sample};
-use crate::geometry::{KdTree, Point, Vector};
+use crate::evidence::{Evidence, Provenance, Sample, thinned};
+use crate::geometry::{KdTree, Point};
 use rayon::prelude::*;
-use std::collections::BTreeMap;
 
 /// The thinnest and thickest part whose far side is guessed, metres.
 const THINNEST: f64 = 8e-4;
@@ -34,9 +33,13 @@ const GRID: Grid = Grid {
 /// side, moved into the body by the thickness and turned about. Parts known to be thicker than 20 mm count as that: they keep a wing's
 /// thickness from the fuselage.
 ///
-/// Returns guesses and their weights: `params.weight`, less what the process does not know. O(samples · log samples).
+/// Returns guesses and their weights: `params.weight`, less what the process does not know. O(samples · log samples), nothing
+/// without touches.
 pub(super) fn far_sides(evidence: &Evidence, moved: &MovedEvidence, params: &OrbitParams) -> (Vec<Sample>, Vec<f64>) {
-    let all: Vec<Sample> = thinned(evidence.samples.iter().chain(&moved.kept));
+    if !evidence.samples.iter().any(Sample::is_felt) {
+        return Default::default();
+    }
+    let all: Vec<Sample> = thinned(evidence.samples.iter().chain(&moved.kept), CELL);
     let points: Vec<Point> = all.iter().map(|s| s.position).collect();
     let tree = KdTree::new(&points);
     let depths: Vec<Option<Side>> = all.par_iter().map(|s| far_side(s, &all, &tree)).collect();
@@ -83,7 +86,6 @@ struct Side {
 
 /// The next surface straight into the body that faces away; `None` where no other side is known.
 fn far_side(s: &Sample, all: &[Sample], tree: &KdTree) -> Option<Side> {
-    let felt = |s: &Sample| matches!(s.provenance, Provenance::Felt { .. });
     let steps = (3.0 * THICKEST / WIDTH) as usize;
     let mut best: Option<Side> = None;
     for k in 1..=steps {
@@ -97,22 +99,11 @@ fn far_side(s: &Sample, all: &[Sample], tree: &KdTree) -> Option<Side> {
             let beside = (d + s.normal * depth).norm();
             let away = all[i].normal.dot(&s.normal) < AWAY;
             if away && depth > 0.5 * THINNEST && beside < WIDTH && best.is_none_or(|b| depth < b.depth) {
-                best = Some(Side { depth, felt: felt(s) || felt(&all[i]) });
+                best = Some(Side { depth, felt: s.is_felt() || all[i].is_felt() });
             }
         }
     }
     best
-}
-
-fn thinned<'a>(samples: impl Iterator<Item = &'a Sample>) -> Vec<Sample> {
-    let mut cells: BTreeMap<[i32; 6], Sample> = BTreeMap::new();
-    for s in samples {
-        let at = |a: usize| (s.position[a] / CELL).floor() as i32;
-        let side = |v: &Vector, a: usize| v[a].round() as i32;
-        let key = [at(0), at(1), at(2), side(&s.normal, 0), side(&s.normal, 1), side(&s.normal, 2)];
-        cells.entry(key).or_insert(*s);
-    }
-    cells.into_values().collect()
 }
 
 #[cfg(test)]
@@ -120,6 +111,7 @@ mod tests {
     use super::*;
     use crate::evidence::EvidenceParams;
     use crate::evidence::testing::{Solid, touch, view};
+    use crate::geometry::Vector;
 
     /// Guesses for a board whose middle is 40 mm above the support, seen from above and felt from below at the origin.
     fn guesses(half: Vector) -> Vec<Sample> {

@@ -1,4 +1,5 @@
 use crate::geometry::{Point, Vector};
+use std::collections::BTreeMap;
 
 /// Where a sample comes from.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -17,6 +18,22 @@ pub enum Provenance {
     },
 }
 
+/// The cell of side `size` that holds a point, and the rounded direction of its normal: both sides of a thin wall keep apart.
+pub(crate) fn cell_and_side(p: &Point, normal: &Vector, size: f64) -> [i32; 6] {
+    let cell = |a: usize| (p[a] / size).floor() as i32;
+    let side = |a: usize| normal[a].round() as i32;
+    [cell(0), cell(1), cell(2), side(0), side(1), side(2)]
+}
+
+/// The first sample of each cell and side, ordered by them.
+pub(crate) fn thinned<'a>(samples: impl Iterator<Item = &'a Sample>, size: f64) -> Vec<Sample> {
+    let mut firsts = BTreeMap::new();
+    for s in samples {
+        firsts.entry(cell_and_side(&s.position, &s.normal, size)).or_insert(*s);
+    }
+    firsts.into_values().collect()
+}
+
 /// A point of the surface with its outward normal.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Sample {
@@ -28,4 +45,11 @@ pub struct Sample {
     pub sigma: f64,
     /// Where it comes from.
     pub provenance: Provenance,
+}
+
+impl Sample {
+    /// Whether a touch measured it.
+    pub fn is_felt(&self) -> bool {
+        matches!(self.provenance, Provenance::Felt { .. })
+    }
 }

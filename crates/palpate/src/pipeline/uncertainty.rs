@@ -209,7 +209,7 @@ fn terms(
         measured_distance: m.as_ref().map_or(f64::INFINITY, |f| f.2),
         measured_sigma: sample.map_or(0.0, |s| s.sigma),
         measured_offset: m.as_ref().map_or(0.0, |f| f.1),
-        felt: sample.is_some_and(|s| matches!(s.provenance, Provenance::Felt { .. })),
+        felt: sample.is_some_and(Sample::is_felt),
         guess_distance: g.as_ref().map_or(f64::INFINITY, |f| f.2),
         guess_offset: g.as_ref().map_or(0.0, |f| f.1),
         guess_lever: lever,

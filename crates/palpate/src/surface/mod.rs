@@ -7,6 +7,8 @@ mod implicit;
 mod isosurface;
 mod isosurface_grid;
 mod poisson;
+#[cfg(test)]
+mod testing;
 
 pub use ball_pivoting::{BallPivotingParams, ball_pivoting};
 pub use error::SurfaceError;

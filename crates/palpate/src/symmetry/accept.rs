@@ -4,7 +4,7 @@ use super::params::SymmetryParams;
 use super::planes::same;
 use super::refine::refine_perpendicular;
 use super::resting::impossible;
-use super::score::{Score, Scorer, Tolerances};
+use super::score::{Body, Score, Scorer, Tolerances};
 use crate::geometry::{Plane, Vector};
 
 /// Two refined planes closer than this are one: cosine of the normals and offset at the centroid, metres.
@@ -34,10 +34,9 @@ pub(super) fn judge(scorer: &Scorer, element: &SymmetryElement, score: &Score) -
         return Some(Rejection::LittleSupport { needed: least });
     }
     let allowed = ratio * score.informative + params.slack;
-    if score.opposition() >= allowed && !is_body_with_handle(scorer, element) {
-        return Some(Rejection::Opposed { allowed });
-    }
+    let opposed = (score.opposition() >= allowed).then_some(Rejection::Opposed { allowed });
     match element {
+        SymmetryElement::Reflection(_) | SymmetryElement::Sphere { .. } if opposed.is_some() => opposed,
         SymmetryElement::Reflection(plane) => {
             let allowed = params.felt_opposition;
             if score.felt_opposition > allowed {
@@ -46,12 +45,16 @@ pub(super) fn judge(scorer: &Scorer, element: &SymmetryElement, score: &Score) -
             impossible(scorer, plane)
         }
         SymmetryElement::Axis { point, direction, .. } => {
+            let body = scorer.body(point, direction);
+            if opposed.is_some() && !is_handle_alone(scorer, &body) {
+                return opposed;
+            }
             // A touched handle violates an axis that is right; only beside the surface, not beyond it, a touch speaks of another shape.
             let allowed = params.axis_felt_opposition;
             if score.felt_opposition > allowed && score.contradiction > BESIDE * score.informative {
                 return Some(Rejection::Felt { allowed });
             }
-            let (share, _) = scorer.misfits(point, direction, &Tolerances::fine(params));
+            let share = body.misfits;
             (share > params.misfits).then_some(Rejection::Misfits { share })
         }
         SymmetryElement::Sphere { .. } => {
@@ -62,12 +65,13 @@ pub(super) fn judge(scorer: &Scorer, element: &SymmetryElement, score: &Score) -
 }
 
 /// Whether an axis is opposed by a small part alone, while the rest is a body of revolution beyond doubt: a pitcher with its handle.
-fn is_body_with_handle(scorer: &Scorer, element: &SymmetryElement) -> bool {
-    let SymmetryElement::Axis { point, direction, .. } = element else { return false };
+fn is_handle_alone(scorer: &Scorer, body: &Body) -> bool {
+    if body.misfits >= HANDLE {
+        return false;
+    }
     let params = scorer.params;
-    let (share, body) = scorer.misfits(point, direction, &Tolerances::fine(params));
-    let allowed = BODY_RATIO * body.informative + params.slack;
-    share < HANDLE && body.informative > params.axis_support && body.opposition() < allowed
+    let score = scorer.score_body(body, &Tolerances::fine(params));
+    score.informative > params.axis_support && score.opposition() < BODY_RATIO * score.informative + params.slack
 }
 
 /// 0–1: how much support there is, less what opposition takes of what is allowed.

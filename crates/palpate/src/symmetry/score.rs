@@ -1,6 +1,6 @@
 use super::element::{Motion, SymmetryElement};
 use super::params::SymmetryParams;
-use crate::evidence::{Evidence, Provenance, Sample};
+use crate::evidence::{Evidence, Sample, thinned};
 use crate::geometry::{Point, Vector};
 use nalgebra::{Rotation3, Unit};
 use rand::SeedableRng as _;
@@ -100,6 +100,14 @@ const OTHER_SIDE: f64 = 0.004;
 /// Length of the table of rotations for axes and spheres.
 const TURNS: usize = 64;
 
+/// What stays on a body of revolution when it is turned.
+pub(super) struct Body<'a> {
+    fitting: Vec<&'a Sample>,
+    motions: Vec<Motion>,
+    /// Share of the votes that do not.
+    pub(super) misfits: f64,
+}
+
 /// Scores hypotheses against the evidence.
 pub(super) struct Scorer<'a> {
     pub(super) evidence: &'a Evidence,
@@ -117,7 +125,7 @@ pub(super) struct Scorer<'a> {
 
 impl<'a> Scorer<'a> {
     pub(super) fn new(evidence: &'a Evidence, params: &'a SymmetryParams) -> Self {
-        let mut votes = voters(&evidence.samples);
+        let mut votes = thinned(evidence.samples.iter(), VOTE_CELL);
         votes.shuffle(&mut Pcg64Mcg::seed_from_u64(params.seed));
         let sum: Vector = votes.iter().map(|s| s.position.coords).sum();
         let centroid = Point::from(sum / votes.len().max(1) as f64);
@@ -193,7 +201,7 @@ impl<'a> Scorer<'a> {
             let (p, n) = moved(k, s);
             let before = sum.opposition();
             self.vote(&mut sum, tolerances, s, &p, &n);
-            if s.provenance != Provenance::Seen {
+            if s.is_felt() {
                 felt += 1.0;
                 sum.felt_opposition += sum.opposition() - before;
             }
@@ -205,26 +213,29 @@ impl<'a> Scorer<'a> {
         Some(Score { felt_opposition, ..Score::mean(&sum, count as f64) })
     }
 
-    /// Share of the votes of which more than an eighth of the turns about an axis end in free space, and the score of the others.
+    /// The votes that stay on the body in most turns about an axis, and the share of the others: of those, more than an eighth of the turns end
+    /// in free space.
     ///
     /// On a body of revolution with a handle these are the handle's; on a box with a square base, nearly all.
-    pub(super) fn misfits(&self, point: &Point, direction: &Unit<Vector>, tolerances: &Tolerances) -> (f64, Score) {
-        let motions: Vec<Motion> = self
-            .turns
-            .iter()
-            .step_by(4)
-            .map(|(sin, cos)| Motion::rotation(point, direction, sin.atan2(*cos)))
-            .collect();
+    pub(super) fn body(&self, point: &Point, direction: &Unit<Vector>) -> Body<'_> {
+        let turns = self.turns.iter().step_by(4);
+        let motions: Vec<Motion> =
+            turns.map(|(sin, cos)| Motion::rotation(point, direction, sin.atan2(*cos))).collect();
         let votes = &self.votes[..self.votes.len().min(300)];
         let free = |p: Point| self.evidence.free_space.clearance(&p) > self.params.violation_tolerance;
-        let misfit = |s: &&Sample| motions.iter().filter(|m| free(m.point(&s.position))).count() * 8 > motions.len();
-        let (misfits, fits): (Vec<&Sample>, Vec<&Sample>) = votes.iter().partition(misfit);
+        let fits = |s: &&Sample| motions.iter().filter(|m| free(m.point(&s.position))).count() * 8 <= motions.len();
+        let fitting: Vec<&Sample> = votes.iter().filter(fits).collect();
+        let misfits = (votes.len() - fitting.len()) as f64 / votes.len().max(1) as f64;
+        Body { fitting, motions, misfits }
+    }
+
+    /// Scores the turns of a body of revolution without what does not fit.
+    pub(super) fn score_body(&self, body: &Body, tolerances: &Tolerances) -> Score {
         let mut sum = Score::default();
-        for (s, m) in fits.iter().flat_map(|s| motions.iter().map(move |m| (s, m))) {
+        for (s, m) in body.fitting.iter().flat_map(|s| body.motions.iter().map(move |m| (s, m))) {
             self.vote(&mut sum, tolerances, s, &m.point(&s.position), &m.vector(&s.normal));
         }
-        let others = Score::mean(&sum, (fits.len() * motions.len()) as f64);
-        (misfits.len() as f64 / votes.len().max(1) as f64, others)
+        Score::mean(&sum, (body.fitting.len() * body.motions.len()) as f64)
     }
 
     /// The vote of one sample that moved to `p` with normal `n`.
@@ -290,22 +301,6 @@ impl<'a> Scorer<'a> {
         };
         self.votes[..count].iter().enumerate().map(residual).collect()
     }
-}
-
-/// The first sample of each cell and rounded normal, in order.
-fn voters(samples: &[Sample]) -> Vec<Sample> {
-    let mut keyed: Vec<([i32; 6], usize)> = samples
-        .iter()
-        .enumerate()
-        .map(|(i, s)| {
-            let cell = |a: usize| (s.position[a] / VOTE_CELL).floor() as i32;
-            let side = |a: usize| s.normal[a].round() as i32;
-            ([cell(0), cell(1), cell(2), side(0), side(1), side(2)], i)
-        })
-        .collect();
-    keyed.sort_unstable();
-    keyed.dedup_by_key(|k| k.0);
-    keyed.into_iter().map(|(_, i)| samples[i]).collect()
 }
 
 /// Share of the votes that look at another part of the object from near: the inner side of a vessel's wall. 0 for a convex body.

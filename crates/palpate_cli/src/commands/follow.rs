@@ -1,6 +1,7 @@
 //! `reconstruct --follow`: the mesh keeps up with touches while they are made.
 
 use super::reconstruct::{Args, decoder, drop_unwanted_maps, write_result};
+use super::symmetry::reason;
 use crate::Outcome;
 use anyhow::{Context as _, ensure};
 use palpate::io::{self, SceneChange, SceneFile, SceneFollower};
@@ -139,7 +140,7 @@ impl<'a> Run<'a> {
             Followed::Locally => format!("{} places changed", update.changed.len()),
             Followed::LeftOut { reason } => format!("left out: {reason}"),
             Followed::Contradicted { rejection, .. } => {
-                format!("it contradicts an accepted symmetry ({rejection:?}): started again")
+                format!("an accepted symmetry no longer holds, {}: started again", reason(*rejection))
             }
             Followed::AgainstTouch { touch } => format!("it speaks against touch {touch}: started again"),
             Followed::Outgrown => "the object is much larger than was thought: started again".to_owned(),

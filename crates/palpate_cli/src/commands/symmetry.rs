@@ -188,7 +188,8 @@ impl Entry {
     }
 }
 
-fn reason(rejection: Rejection) -> String {
+/// A rejection in words.
+pub(super) fn reason(rejection: Rejection) -> String {
     match rejection {
         Rejection::LittleSupport { needed } => format!("too little support ({needed:.2} needed)"),
         Rejection::Opposed { allowed } => format!("opposed (at most {allowed:.3} allowed)"),

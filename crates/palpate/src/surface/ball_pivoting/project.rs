@@ -83,6 +83,7 @@ mod tests {
     use super::super::{BallPivotingParams, ball_pivoting};
     use super::*;
     use crate::geometry::{PointCloud, Topology};
+    use crate::surface::testing::directions;
 
     #[test]
     fn projection_flattens_a_noisy_sheet_and_leaves_a_flat_one() {
@@ -101,13 +102,7 @@ mod tests {
 
     #[test]
     fn a_sphere_does_not_shrink() {
-        let normals: Vec<Vector> = (0..4000)
-            .map(|i| {
-                let z = 1.0 - (2 * i + 1) as f64 / 4000.0;
-                let (sin, cos) = (2.399_963 * i as f64).sin_cos();
-                Vector::new(cos, sin, 0.0) * (1.0 - z * z).sqrt() + Vector::z() * z
-            })
-            .collect();
+        let normals = directions(4000);
         let points: Vec<Point> = normals.iter().map(|n| Point::from(*n)).collect();
         let spacing = (4.0 * std::f64::consts::PI / 4000.0_f64).sqrt();
         let (moved, _) = projected(&points, &normals, 2.0 * spacing);
@@ -118,13 +113,7 @@ mod tests {
     #[test]
     fn noisy_points_are_projected_before_balls_roll() {
         let cloud = {
-            let normals: Vec<Vector> = (0..4000)
-                .map(|i| {
-                    let (z, a) = (1.0 - (2 * i + 1) as f64 / 4000.0, 2.399_963 * f64::from(i));
-                    let r = (1.0 - z * z).sqrt();
-                    Vector::new(r * a.cos(), r * a.sin(), z)
-                })
-                .collect();
+            let normals = directions(4000);
             // Uniform within half a spacing.
             let off = |i: usize| 0.056 * ((i * 7919 % 1013) as f64 / 1012.0 - 0.5);
             let points = normals.iter().enumerate().map(|(i, n)| Point::from(n * (1.0 + off(i)))).collect();

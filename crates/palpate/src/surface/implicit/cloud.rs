@@ -66,18 +66,12 @@ pub fn implicit_surface(
 mod tests {
     use super::*;
     use crate::geometry::{Point, Topology, Vector};
+    use crate::surface::testing::directions;
 
     #[test]
     fn a_ball_of_any_size_is_closed_and_of_the_right_volume() {
         for radius in [3e-6, 0.05, 2e3] {
-            let golden = std::f64::consts::PI * (3.0 - 5.0f64.sqrt());
-            let normals: Vec<Vector> = (0..3000)
-                .map(|i| {
-                    let z = 1.0 - (2 * i + 1) as f64 / 3000.0;
-                    let (r, a) = ((1.0 - z * z).sqrt(), golden * f64::from(i));
-                    Vector::new(r * a.cos(), r * a.sin(), z)
-                })
-                .collect();
+            let normals = directions(3000);
             let points = normals.iter().map(|n| Point::from(n * radius)).collect();
             let cloud = PointCloud::with_normals(points, normals).expect("as many normals as points");
             let mesh = implicit_surface(&cloud, None, &ImplicitParams::default()).expect("a ball has a surface");
@@ -89,13 +83,7 @@ mod tests {
 
     #[test]
     fn the_cell_can_be_stated_and_must_be_sound() {
-        let normals: Vec<Vector> = (0..2000)
-            .map(|i| {
-                let (z, a) = (1.0 - (2 * i + 1) as f64 / 2000.0, 2.399_963 * f64::from(i));
-                let r = (1.0 - z * z).sqrt();
-                Vector::new(r * a.cos(), r * a.sin(), z)
-            })
-            .collect();
+        let normals = directions(2000);
         let points = normals.iter().map(|n| Point::from(n * 0.05)).collect();
         let cloud = PointCloud::with_normals(points, normals).expect("as many normals as points");
         let faces = |cell| implicit_surface(&cloud, Some(cell), &ImplicitParams::default()).map(|m| m.faces.len());

@@ -158,15 +158,26 @@ fn solve_band(coarse: &Level, spacing: f64, problem: &ImplicitProblem, params: &
     }
     level.activate(&mask);
     drop(mask);
+    let effort = Effort { passes: 3, iterations: 50, tolerance: params.tolerance };
+    solve_active(&mut level, &samples, problem, params, effort);
+    level
+}
+
+/// Solves the active nodes with every term but the prior, which is for the coarse grids.
+fn solve_active(
+    level: &mut Level,
+    samples: &[WeightedSample],
+    problem: &ImplicitProblem,
+    params: &ImplicitParams,
+    effort: Effort,
+) {
     let pulls = Pulls {
         free_weight: params.free_weight as f32,
-        free_target: free_targets(&level, problem.free_fine),
+        free_target: free_targets(level, problem.free_fine),
         prior_weight: Vec::new(),
     };
-    let data = DataTerm::new(&level, &samples);
-    let effort = Effort { passes: 3, iterations: 50, tolerance: params.tolerance };
-    solver::solve(&mut level, &data, &pulls, params.smoothness as f32, effort);
-    level
+    let data = DataTerm::new(level, samples);
+    solver::solve(level, &data, &pulls, params.smoothness as f32, effort);
 }
 
 fn mark_round(level: &Level, p: &Point, cells: usize, mask: &mut [bool]) {

@@ -1,8 +1,7 @@
-use super::data::DataTerm;
 use super::level::Level;
-use super::solver::{self, Effort, Pulls};
+use super::solver::Effort;
 use super::{
-    ImplicitField, ImplicitParams, ImplicitProblem, WeightedSample, components, free_targets, mark_round, shell, thin,
+    ImplicitField, ImplicitParams, ImplicitProblem, WeightedSample, components, mark_round, shell, solve_active, thin,
 };
 use crate::geometry::{Aabb, Point};
 use rayon::prelude::*;
@@ -121,14 +120,8 @@ fn solve_part(
     }
     mask.iter_mut().zip(&round).for_each(|(m, r)| *m &= r);
     part.activate(&mask);
-    let pulls = Pulls {
-        free_weight: params.free_weight as f32,
-        free_target: free_targets(&part, problem.free_fine),
-        prior_weight: Vec::new(),
-    };
-    let data = DataTerm::new(&part, &samples);
     let effort = Effort { passes: 2, iterations: 40, tolerance: params.tolerance };
-    solver::solve(&mut part, &data, &pulls, params.smoothness as f32, effort);
+    solve_active(&mut part, &samples, problem, params, effort);
     if let Some(wall) = params.shell.wall {
         shell::clamp(&mut part, &local, wall);
     }
