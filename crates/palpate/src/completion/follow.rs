@@ -1,5 +1,6 @@
+use super::copies::{copy_of, corrected};
 use super::motion::families;
-use super::orbit::{Covered, MovedEvidence, OrbitParams, in_free_space, leaves_orbit, moved_sample};
+use super::orbit::{Covered, MovedEvidence, OrbitParams, in_free_space, leaves_orbit};
 use crate::evidence::{Evidence, Provenance, Sample};
 use crate::geometry::Aabb;
 use rayon::prelude::*;
@@ -42,7 +43,7 @@ impl MovedEvidence {
                 let correction = self.corrections[copying.family as usize].as_ref();
                 let (mut kept, mut contradicted) = (Vec::new(), Vec::new());
                 for sample in new {
-                    let moved = moved_sample(sample, copying, m, correction);
+                    let moved = corrected(copy_of(sample, copying, m as u32), correction);
                     let beside = out.iter().flatten().any(|o| close(o, sample, params.orbit_radius));
                     if beside || in_free_space(evidence, &moved.position, params) {
                         contradicted.push(moved);

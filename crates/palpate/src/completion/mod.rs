@@ -1,6 +1,7 @@
 //! From what is known to the whole: measured samples moved by the accepted symmetries (`fused`), and the removal of guesses that
 //! a touch contradicts (`paper`).
 
+mod copies;
 mod correction;
 mod eliminate;
 mod follow;

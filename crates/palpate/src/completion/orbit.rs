@@ -1,8 +1,9 @@
+use super::copies::{copies, corrected};
 use super::correction::corrections;
 use super::kriging::Kriging;
 use super::motion::{Copying, copyings, families};
 use super::thickness::far_sides;
-use crate::evidence::{Evidence, Provenance, Sample};
+use crate::evidence::{Evidence, Sample};
 use crate::geometry::{KdTree, Point, Vector};
 use crate::symmetry::Symmetry;
 use rayon::prelude::*;
@@ -103,46 +104,46 @@ pub fn move_evidence(evidence: &Evidence, symmetry: &Symmetry, params: &OrbitPar
     let corrections =
         if params.correct { corrections(evidence, &families) } else { families.iter().map(|_| None).collect() };
     let covered = Covered::new(&evidence.samples, params);
-    let per_motion: Vec<_> = copyings
-        .par_iter()
-        .enumerate()
-        .map(|(m, copying)| {
-            let weight = params.weight_of(copying);
-            let correction = corrections[copying.family as usize].as_ref();
-            let (mut kept, mut contradicted) = (Vec::new(), Vec::new());
-            for (s, sample) in evidence.samples.iter().enumerate() {
-                let moved = moved_sample(sample, copying, m, correction);
-                if outcasts[copying.family as usize][s] || in_free_space(evidence, &moved.position, params) {
-                    contradicted.push(moved);
-                } else if !covered.holds(&moved.position, &moved.normal) {
-                    kept.push(moved);
-                }
+    let mut out = MovedEvidence::default();
+    for (family, correction) in corrections.iter().enumerate() {
+        let members: Vec<(u32, &Copying)> = (0..).zip(&copyings).filter(|c| c.1.family as usize == family).collect();
+        let (copies, outcasts) = copies(&evidence.samples, &members, &outcasts[family]);
+        let judge = |copy: &Sample| {
+            let moved = corrected(*copy, correction.as_ref());
+            if in_free_space(evidence, &moved.position, params) {
+                Verdict::Contradicted(moved)
+            } else if covered.holds(&moved.position, &moved.normal) {
+                Verdict::Covered
+            } else {
+                Verdict::Kept(moved)
             }
-            (kept, weight, contradicted)
-        })
-        .collect();
-    let mut out = MovedEvidence { copyings, corrections, ..MovedEvidence::default() };
-    for (kept, weight, contradicted) in per_motion {
-        out.weights.extend(std::iter::repeat_n(weight, kept.len()));
-        out.kept.extend(kept);
-        out.contradicted.extend(contradicted);
+        };
+        out.contradicted.extend(outcasts.into_iter().map(|copy| corrected(copy, correction.as_ref())));
+        let verdicts: Vec<Verdict> = copies.par_iter().map(judge).collect();
+        for verdict in verdicts {
+            match verdict {
+                Verdict::Kept(moved) => out.kept.push(moved),
+                Verdict::Contradicted(moved) => out.contradicted.push(moved),
+                Verdict::Covered => {}
+            }
+        }
+        let weight = members.first().map_or(0.0, |(_, copying)| params.weight_of(copying));
+        out.weights.resize(out.kept.len(), weight);
     }
+    (out.copyings, out.corrections) = (copyings, corrections);
     if params.far_sides {
         (out.far_sides, out.far_weights) = far_sides(evidence, &out, params);
     }
     out
 }
 
-/// The copy of a sample by copying number `m`, moved by what its family misses there.
-pub(super) fn moved_sample(sample: &Sample, copying: &Copying, m: usize, correction: Option<&Kriging>) -> Sample {
-    let (position, normal) = (copying.motion.point(&sample.position), copying.motion.vector(&sample.normal));
-    let miss = correction.map_or(0.0, |c| c.mean(&(position, normal)));
-    Sample {
-        position: position + normal * miss,
-        normal,
-        sigma: sample.sigma.hypot(2e-3),
-        provenance: Provenance::Moved { motion: m as u32 },
-    }
+/// What becomes of a copy.
+enum Verdict {
+    Kept(Sample),
+    /// It lies in proven free space.
+    Contradicted(Sample),
+    /// A measurement stands there.
+    Covered,
 }
 
 pub(super) fn in_free_space(evidence: &Evidence, p: &Point, params: &OrbitParams) -> bool {

@@ -25,13 +25,24 @@ const GRID: Grid = Grid {
     usual: 0.5,
     or_noise: false,
 };
+/// Of being thin (1) or thick (0).
+const THIN_GRID: Grid = Grid {
+    sigmas: &[0.5, 1.0],
+    lengths: &[20e-3, 40e-3, 80e-3],
+    noises: &[0.1, 0.2, 0.4],
+    usual: 1.0,
+    or_noise: false,
+};
+/// Guesses are made where parts are rather thin than thick.
+const THIN: f64 = 0.5;
 
 /// The far sides of thin parts: where a part's two sides are known, it is about as thick as that nearby.
 ///
 /// A wing, a wall or a blade of which the camera sees one side shows its thickness where a touch knows the other side, or one of the two.
 /// The logarithm of the thickness is carried along the surface, from where it is known to where only one side is; the guess there is that
-/// side, moved into the body by the thickness and turned about. Parts known to be thicker than 20 mm count as that: they keep a wing's
-/// thickness from the fuselage.
+/// side, moved into the body by the thickness and turned about. Whether the part is thin at all is carried along in the same way, as 1 or 0
+/// (indicator kriging: Journel, *Nonparametric estimation of spatial distributions*, 1983): parts thicker than 20 mm keep a wing's thickness
+/// from the fuselage, and the lip of a can from its side.
 ///
 /// Returns guesses and their weights: `params.weight`, less what the process does not know. O(samples · log samples), nothing
 /// without touches.
@@ -50,18 +61,26 @@ pub(super) fn far_sides(evidence: &Evidence, moved: &MovedEvidence, params: &Orb
     }
     let middle = known.len() / 2;
     let usual = known.select_nth_unstable_by(middle, f64::total_cmp).1.ln();
-    let observed: Vec<(Place, f64)> = all
+    let felt: Vec<(Place, f64)> = all
         .iter()
         .zip(&depths)
-        .filter_map(|(s, side)| Some(((s.position, s.normal), side.filter(|side| side.felt)?.depth.ln() - usual)))
+        .filter_map(|(s, side)| Some(((s.position, s.normal), side.filter(|side| side.felt)?.depth)))
         .collect();
-    let Some(kriging) = Kriging::fit(&observed, &GRID) else { return Default::default() };
+    let is_thin: Vec<(Place, f64)> = felt.iter().map(|(at, d)| (*at, f64::from(*d <= THICKEST))).collect();
+    let observed: Vec<(Place, f64)> =
+        felt.iter().filter(|(_, d)| *d <= THICKEST).map(|(at, d)| (*at, d.ln() - usual)).collect();
+    let (Some(kriging), Some(thin)) = (Kriging::fit(&observed, &GRID), Kriging::fit(&is_thin, &THIN_GRID)) else {
+        return Default::default();
+    };
     let covered = Covered::new(&all, params);
     let guess = |(s, side): (&Sample, &Option<Side>)| {
         if side.is_some() || matches!(s.provenance, Provenance::Moved { .. }) {
             return None;
         }
         let (mean, doubt) = kriging.mean_and_doubt(&(s.position, s.normal));
+        if thin.mean(&(s.position, s.normal)) < THIN {
+            return None;
+        }
         let thickness = (usual + mean).exp();
         let position = s.position - s.normal * thickness;
         let free = evidence.free_space.signed_distance(&position) > 0.0;
@@ -135,6 +154,24 @@ mod tests {
         assert!(worst < 1e-3, "a guess is {worst} off");
         let reach = below.iter().map(|s| s.position.coords.xy().norm()).fold(0.0, f64::max);
         assert!(reach > 0.012, "no guess beyond the touches: {reach}");
+    }
+
+    #[test]
+    fn a_fin_says_nothing_of_the_block_below_it() {
+        let fin = Solid::Box(Point::new(0.0, 0.0, 0.075), Vector::new(0.05, 0.002, 0.015), 0.0);
+        let block = Solid::Box(Point::new(0.0, 0.0, 0.03), Vector::new(0.05, 0.02, 0.03), 0.0);
+        let solids = [fin, block];
+        let (frame, visible) = crate::evidence::testing::view_from(&solids, 0.0, -1.5, 0.5);
+        // Behind the fin at three places, behind the block at its lower end.
+        let behind = [(-0.03, 0.08), (0.0, 0.08), (0.03, 0.08), (0.0, 0.012)]
+            .map(|(x, z)| touch(&solids, Point::new(x, 0.2, z), Point::new(x, 0.0, z)));
+        let evidence =
+            Evidence::gather(&frame, &visible, &behind, &EvidenceParams::default()).expect("block and fin are seen");
+        let guesses = far_sides(&evidence, &MovedEvidence::default(), &OrbitParams::default()).0;
+        let at_fin = guesses.iter().filter(|s| s.position.z > 0.065).count();
+        let within = |s: &&Sample| s.position.z < 0.045 && s.position.y.abs() < 0.018;
+        assert!(at_fin > 20, "{at_fin} guesses behind the fin");
+        assert_eq!(guesses.iter().filter(within).count(), 0, "guesses inside the block");
     }
 
     #[test]

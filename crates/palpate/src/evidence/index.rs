@@ -41,21 +41,21 @@ impl SampleIndex {
         let spacing = spacing.max(bounds.size().max() / 160.0);
         let mut nodes = VoxelGrid::covering(&bounds, spacing, [NONE; 2]);
         let ([nx, ny, _], origin) = (nodes.dims(), nodes.origin());
-        let offsets = samples.iter().map(|s| (s.position - origin) / spacing).collect::<Vec<_>>();
-        let normals = samples.iter().map(|s| s.normal).collect::<Vec<_>>();
-        let radius = reach / spacing;
+        let normals: Vec<Vector> = samples.iter().map(|s| s.normal).collect();
+        let stack = Stack::new(samples.iter().map(|s| (s.position - origin) / spacing));
+        let radius = (reach / spacing) as f32;
         nodes.as_mut_slice().par_chunks_mut(nx * ny).enumerate().for_each(|(k, slab)| {
-            let mut best = vec![(radius * radius) as f32; slab.len()];
-            splat(&offsets, k, [nx, ny], radius, &mut best, |node, i| {
-                slab[node][0] = i as u32;
+            let mut best = vec![radius * radius; slab.len()];
+            stack.splat(k, [nx, ny], radius, &mut best, |node, i| {
+                slab[node][0] = i;
                 true
             });
-            best.fill((radius * radius) as f32);
-            splat(&offsets, k, [nx, ny], radius, &mut best, |node, i| {
+            best.fill(radius * radius);
+            stack.splat(k, [nx, ny], radius, &mut best, |node, i| {
                 let first = slab[node][0];
-                let other = first != NONE && normals[i].dot(&normals[first as usize]) < OTHER_SIDE;
+                let other = first != NONE && normals[i as usize].dot(&normals[first as usize]) < OTHER_SIDE;
                 if other {
-                    slab[node][1] = i as u32;
+                    slab[node][1] = i;
                 }
                 other
             });
@@ -136,35 +136,58 @@ fn with_sample([first, second]: [u32; 2], i: usize, samples: &[Sample], at: &Poi
     }
 }
 
-/// Offers every sample to the nodes of slab `k` within `radius` cells; `take` says whether it is accepted where it is the nearest so far.
-/// Ties go to the smaller index.
-fn splat(
-    offsets: &[Vector],
-    k: usize,
-    [nx, ny]: [usize; 2],
-    radius: f64,
-    best: &mut [f32],
-    mut take: impl FnMut(usize, usize) -> bool,
-) {
-    for (i, c) in offsets.iter().enumerate() {
-        let dz = k as f64 - c.z;
-        let flat = radius * radius - dz * dz;
-        if flat <= 0.0 {
-            continue;
-        }
-        let flat = flat.sqrt();
-        for j in (c.y - flat).ceil().max(0.0) as usize..((c.y + flat).floor() as usize + 1).min(ny) {
-            let dy = j as f64 - c.y;
-            let half = (flat * flat - dy * dy).max(0.0).sqrt();
-            for x in (c.x - half).ceil().max(0.0) as usize..((c.x + half).floor() as usize + 1).min(nx) {
-                let squared = ((x as f64 - c.x).powi(2) + dy * dy + dz * dz) as f32;
-                let node = j * nx + x;
-                if squared < best[node] && take(node, i) {
-                    best[node] = squared;
+/// Positions in cells, from the lowest slab to the highest.
+struct Stack {
+    /// Position and number of the sample.
+    rising: Vec<([f32; 3], u32)>,
+}
+
+impl Stack {
+    fn new(positions: impl Iterator<Item = Vector>) -> Self {
+        let mut rising: Vec<([f32; 3], u32)> =
+            positions.enumerate().map(|(i, c)| ([c.x as f32, c.y as f32, c.z as f32], i as u32)).collect();
+        rising.sort_unstable_by(|a, b| a.0[2].total_cmp(&b.0[2]).then(a.1.cmp(&b.1)));
+        Self { rising }
+    }
+
+    /// Offers every sample to the nodes of slab `k` within `radius` cells; `take` says whether it is accepted where it is the nearest so far.
+    /// Ties go to the lower one, then to the smaller number.
+    fn splat(
+        &self,
+        k: usize,
+        [nx, ny]: [usize; 2],
+        radius: f32,
+        best: &mut [f32],
+        mut take: impl FnMut(usize, u32) -> bool,
+    ) {
+        let level = k as f32;
+        let from = self.rising.partition_point(|s| s.0[2] <= level - radius);
+        let to = self.rising.partition_point(|s| s.0[2] < level + radius);
+        for &([cx, cy, cz], i) in &self.rising[from..to] {
+            let dz2 = (level - cz) * (level - cz);
+            let flat = (radius * radius - dz2).max(0.0).sqrt();
+            for j in within(cy, flat, ny) {
+                let dy = j as f32 - cy;
+                let beside = dy * dy + dz2;
+                let half = (radius * radius - beside).max(0.0).sqrt();
+                for x in within(cx, half, nx) {
+                    let dx = x as f32 - cx;
+                    let (squared, node) = (dx * dx + beside, j * nx + x);
+                    if squared < best[node] && take(node, i) {
+                        best[node] = squared;
+                    }
                 }
             }
         }
     }
+}
+
+/// The whole numbers below `count` within `half` of `center`. Conversions round towards zero and saturate: no call of `floor`.
+fn within(center: f32, half: f32, count: usize) -> std::ops::Range<usize> {
+    let (low, high) = (center - half, center + half);
+    let first = low as usize + usize::from(low > (low as usize) as f32);
+    let past = if high < 0.0 { 0 } else { high as usize + 1 };
+    first..past.min(count)
 }
 
 #[cfg(test)]

@@ -1,26 +1,66 @@
 use super::level::Level;
+use rayon::prelude::*;
 
-/// Adds `scale` times the normal operator of Σ |Hess f|² at `x` to the active nodes of plane `k`; `out` is that plane.
+/// The rows of the operator at the active nodes within two nodes of the border, where only the differences that exist count.
+pub(super) struct Border {
+    planes: Vec<Rows>,
+}
+
+/// Rows of a sparse matrix.
+#[derive(Default)]
+struct Rows {
+    /// Where each row ends in `terms`.
+    ends: Vec<u32>,
+    /// Node and coefficient.
+    terms: Vec<(u32, f32)>,
+}
+
+impl Border {
+    pub(super) fn new(level: &Level) -> Self {
+        let rows = |k: usize| {
+            let mut rows = Rows::default();
+            for run in &level.runs[k] {
+                let (start, first, last, end) = parts(level, k, *run);
+                for n in (start..first).chain(last..end) {
+                    rows.push(level, n);
+                }
+            }
+            rows
+        };
+        Self { planes: (0..level.dims[2]).into_par_iter().map(rows).collect() }
+    }
+}
+
+impl Rows {
+    fn push(&mut self, level: &Level, n: usize) {
+        let from = self.terms.len();
+        for_each_difference(level, n, |own, terms| {
+            for &(m, c) in terms {
+                match self.terms[from..].iter_mut().find(|t| t.0 == m as u32) {
+                    Some(term) => term.1 += own * c,
+                    None => self.terms.push((m as u32, own * c)),
+                }
+            }
+        });
+        self.ends.push(self.terms.len() as u32);
+    }
+}
+
+/// Sets the active nodes of plane `k` to `scale` times the normal operator of Σ |Hess f|² at `x`; `out` is that plane.
 ///
 /// Second differences along the axes and mixed differences on the faces of the cells; in the interior both together are the
 /// 25-point stencil 42, −12 at ±1, +2 at (±1, ±1), +1 at ±2. Next to the border only the differences that exist count (natural
 /// boundary: linear functions cost nothing).
-pub(super) fn apply_plane(level: &Level, x: &[f32], scale: f32, k: usize, out: &mut [f32]) {
-    let [nx, ny, nz] = level.dims;
-    let plane = level.plane_len();
-    let inner_plane = k >= 2 && k + 2 < nz;
-    for &(start, len) in &level.runs[k] {
-        let (start, end) = (start as usize, (start + len) as usize);
-        let in_plane = start - k * plane;
-        let (i, j) = (in_plane % nx, in_plane / nx);
-        let (mut first, mut last) = (end, end);
-        if inner_plane && j >= 2 && j + 2 < ny {
-            // The part of the run at least two nodes from both ends of the row.
-            first = (start + 2usize.saturating_sub(i)).min(end);
-            last = (start + (nx - 2).saturating_sub(i)).clamp(first, end);
-        }
+pub(super) fn apply_plane(level: &Level, border: &Border, x: &[f32], scale: f32, k: usize, out: &mut [f32]) {
+    let (nx, plane) = (level.dims[0], level.plane_len());
+    let (rows, mut row, mut from) = (&border.planes[k], 0, 0);
+    for run in &level.runs[k] {
+        let (start, first, last, end) = parts(level, k, *run);
         for n in (start..first).chain(last..end) {
-            out[n - k * plane] += scale * at_border(level, x, n);
+            let to = rows.ends[row] as usize;
+            let sum: f32 = rows.terms[from..to].iter().map(|&(m, c)| c * x[m as usize]).sum();
+            out[n - k * plane] = scale * sum;
+            (row, from) = (row + 1, to);
         }
         if first < last {
             interior(x, first, last, nx, plane, scale, &mut out[first - k * plane..last - k * plane]);
@@ -28,11 +68,18 @@ pub(super) fn apply_plane(level: &Level, x: &[f32], scale: f32, k: usize, out: &
     }
 }
 
-/// Diagonal of the operator at node `n` (before the factor μ).
-pub(super) fn diagonal(level: &Level, n: usize) -> f32 {
-    let mut diagonal = 0.0;
-    for_each_difference(level, n, |own, _| diagonal += own * own);
-    diagonal
+/// Start and end of a run of plane `k`, and in between those of its part that is at least two nodes from the border.
+fn parts(level: &Level, k: usize, (start, len): (u32, u32)) -> (usize, usize, usize, usize) {
+    let [nx, ny, nz] = level.dims;
+    let (start, end) = (start as usize, (start + len) as usize);
+    let in_plane = start - k * level.plane_len();
+    let (i, j) = (in_plane % nx, in_plane / nx);
+    if k < 2 || k + 2 >= nz || j < 2 || j + 2 >= ny {
+        return (start, end, end, end);
+    }
+    let first = (start + 2usize.saturating_sub(i)).min(end);
+    let last = (start + (nx - 2).saturating_sub(i)).clamp(first, end);
+    (start, first, last, end)
 }
 
 /// The 25-point stencil on a run whose neighbours all exist.
@@ -55,16 +102,15 @@ fn interior(x: &[f32], first: usize, last: usize, dy: usize, dz: usize, scale: f
             + xy[3][n]
             + (xz[0][n] + xz[1][n] + xz[2][n] + xz[3][n])
             + (yz[0][n] + yz[1][n] + yz[2][n] + yz[3][n]);
-        out[n] += scale * (42.0 * centre[n] - 12.0 * near + far + 2.0 * mixed);
+        out[n] = scale * (42.0 * centre[n] - 12.0 * near + far + 2.0 * mixed);
     }
 }
 
-fn at_border(level: &Level, x: &[f32], n: usize) -> f32 {
-    let mut sum = 0.0;
-    for_each_difference(level, n, |own, terms| {
-        sum += own * terms.iter().map(|&(m, c)| c * x[m]).sum::<f32>();
-    });
-    sum
+/// Diagonal of the operator at node `n` (before the factor μ).
+pub(super) fn diagonal(level: &Level, n: usize) -> f32 {
+    let mut diagonal = 0.0;
+    for_each_difference(level, n, |own, _| diagonal += own * own);
+    diagonal
 }
 
 /// Calls `visit(own coefficient, all (node, coefficient))` for every difference of the energy that involves node `n`.
@@ -105,8 +151,9 @@ mod tests {
     use crate::geometry::{Aabb, Point};
 
     fn apply(level: &Level, x: &[f32], scale: f32, out: &mut [f32]) {
+        let border = Border::new(level);
         for (k, out) in out.chunks_mut(level.plane_len()).enumerate() {
-            apply_plane(level, x, scale, k, out);
+            apply_plane(level, &border, x, scale, k, out);
         }
     }
 
@@ -131,13 +178,12 @@ mod tests {
         let x: Vec<f32> = (0..l.values.len()).map(|n| ((n * 7919) % 101) as f32 / 50.0 - 1.0).collect();
         let mut out = vec![0.0; x.len()];
         apply(&l, &x, 1.0, &mut out);
-        for n in 0..x.len() {
-            assert!(
-                (out[n] - at_border(&l, &x, n)).abs() < 1e-3,
-                "node {n}: {} against {}",
-                out[n],
-                at_border(&l, &x, n)
-            );
+        for (n, out) in out.iter().enumerate() {
+            let mut sum = 0.0;
+            for_each_difference(&l, n, |own, terms| {
+                sum += own * terms.iter().map(|&(m, c)| c * x[m]).sum::<f32>();
+            });
+            assert!((out - sum).abs() < 1e-3, "node {n}: {out} against {sum}");
         }
         let centre = l.index(4, 4, 4);
         assert!((diagonal(&l, centre) - 42.0).abs() < 1e-4);

@@ -53,13 +53,19 @@ pub(super) fn solve(level: &mut Level, data: &DataTerm, pulls: &Pulls, smoothnes
     level.values = values;
 }
 
-/// The linear system of one active set and the vectors of its solution. Every loop runs plane by plane over the runs of active
-/// nodes; sums are taken per run and added in order, so they do not depend on the number of threads.
+/// The linear system of one active set and the vectors of its solution.
+///
+/// Only what a stencil reads lies in the grid (the function and the direction); all else is kept for the active nodes alone, one after the
+/// other: a band is a tenth of its box, and its runs are shorter than a line of the cache. Every loop runs plane by plane over the runs of
+/// active nodes; sums are taken per run and added in order, so they do not depend on the number of threads.
 struct System<'a> {
     level: &'a Level,
     data: &'a DataTerm,
     pulls: &'a Pulls,
     smoothness: f32,
+    border: hessian::Border,
+    /// Active nodes per plane.
+    counts: Vec<usize>,
     /// Diagonal of data and smoothness.
     diagonal: Vec<f32>,
     /// Weight of the acting pulls.
@@ -67,27 +73,48 @@ struct System<'a> {
     /// Inverse of the whole diagonal.
     inverse: Vec<f32>,
     residual: Vec<f32>,
-    direction: Vec<f32>,
     applied: Vec<f32>,
+    /// What the pass has added to the function so far.
+    change: Vec<f32>,
+    /// In the grid.
+    direction: Vec<f32>,
 }
 
 impl<'a> System<'a> {
     fn new(level: &'a Level, data: &'a DataTerm, pulls: &'a Pulls, smoothness: f32, nodes: usize) -> Self {
-        let [nx, ny, nz] = level.dims;
-        let zeros = || vec![0.0f32; nodes];
+        let counts: Vec<usize> =
+            level.runs.iter().map(|runs| runs.iter().map(|&(_, len)| len as usize).sum()).collect();
+        let zeros = || vec![0.0f32; counts.iter().sum()];
         let mut diagonal = zeros();
-        planes(level, [&mut diagonal], |k, [out]| {
-            data.diagonal_plane(level, k, out);
-            for (n, m) in nodes_of(level, k) {
+        let [nx, ny, nz] = level.dims;
+        planes(level, split(&counts, [&mut diagonal]), |k, [out], scratch| {
+            data.diagonal_plane(level, k, scratch);
+            for (o, (n, m)) in out.iter_mut().zip(nodes_of(level, k)) {
                 let (i, j) = (m % nx, m / nx);
                 let inner = i >= 2 && i + 2 < nx && j >= 2 && j + 2 < ny && k >= 2 && k + 2 < nz;
-                out[m] += smoothness * if inner { 42.0 } else { hessian::diagonal(level, n) };
+                *o = scratch[m] + smoothness * if inner { 42.0 } else { hessian::diagonal(level, n) };
             }
+            scratch.fill(0.0);
             0.0
         });
-        let (pull, inverse) = (zeros(), zeros());
-        let (residual, direction, applied) = (zeros(), zeros(), zeros());
-        Self { level, data, pulls, smoothness, diagonal, pull, inverse, residual, direction, applied }
+        let (pull, inverse, residual, applied, change) = (zeros(), zeros(), zeros(), zeros(), zeros());
+        let direction = vec![0.0; nodes];
+        let border = hessian::Border::new(level);
+        Self {
+            level,
+            data,
+            pulls,
+            smoothness,
+            border,
+            counts,
+            diagonal,
+            pull,
+            inverse,
+            residual,
+            applied,
+            change,
+            direction,
+        }
     }
 
     /// One active-set pass; returns the squared preconditioned residual it started from. `first` is that of the first pass: later
@@ -104,30 +131,33 @@ impl<'a> System<'a> {
             if curvature <= 0.0 || !curvature.is_finite() {
                 break;
             }
-            let next = self.step((rho / curvature) as f32, x);
+            let next = self.step((rho / curvature) as f32);
             self.turn((next / rho) as f32);
             rho = next;
         }
+        self.add_change(x);
         start
     }
 
     /// Residual, pulls and preconditioner at `x`, and the first direction.
     fn linearise(&mut self, x: &[f32]) -> f64 {
-        let (level, data, pulls, smoothness) = (self.level, self.data, self.pulls, self.smoothness);
-        let (rows, diagonal) = (data.misfits(level, x), &self.diagonal);
-        let arrays = [&mut self.residual[..], &mut self.direction, &mut self.pull, &mut self.inverse];
-        planes(level, arrays, |k, [residual, direction, pull, inverse]| {
-            clear(level, k, residual);
-            hessian::apply_plane(level, x, -smoothness, k, residual);
-            data.scatter_plane(level, &rows, k, residual);
+        let (level, data, pulls, smoothness, border) =
+            (self.level, self.data, self.pulls, self.smoothness, &self.border);
+        let rows = data.misfits(level, x);
+        let own = [&mut self.residual[..], &mut self.pull, &mut self.inverse, &mut self.change, &mut self.diagonal];
+        let arrays = split(&self.counts, own).zip(self.direction.chunks_mut(level.plane_len()));
+        planes(level, arrays, |k, ([residual, pull, inverse, change, diagonal], direction), scratch| {
+            hessian::apply_plane(level, border, x, -smoothness, k, scratch);
+            data.scatter_plane(level, &rows, k, scratch);
+            change.fill(0.0);
             let mut sum = 0.0;
-            for (n, m) in nodes_of(level, k) {
+            for (own, (n, m)) in nodes_of(level, k).enumerate() {
                 let (weight, target) = pulls.acting(n, x[n]);
-                residual[m] += target - weight * x[n];
-                pull[m] = weight;
-                inverse[m] = 1.0 / (diagonal[n] + weight).max(1e-9);
-                direction[m] = inverse[m] * residual[m];
-                sum += f64::from(residual[m] * direction[m]);
+                let r = scratch[m] + target - weight * x[n];
+                let scale = 1.0 / (diagonal[own] + weight).max(1e-9);
+                (residual[own], pull[own], inverse[own]) = (r, weight, scale);
+                direction[m] = scale * r;
+                sum += f64::from(r * direction[m]);
             }
             sum
         })
@@ -135,17 +165,17 @@ impl<'a> System<'a> {
 
     /// applied = A · direction; returns direction · applied.
     fn apply(&mut self) -> f64 {
-        let (level, data, smoothness) = (self.level, self.data, self.smoothness);
-        let (p, pull) = (&self.direction, &self.pull);
+        let (level, data, smoothness, border) = (self.level, self.data, self.smoothness, &self.border);
+        let p = &self.direction;
         let rows = data.rows(level, p);
-        planes(level, [&mut self.applied], |k, [out]| {
-            clear(level, k, out);
-            hessian::apply_plane(level, p, smoothness, k, out);
-            data.scatter_plane(level, &rows, k, out);
-            runs_of(level, k, |run, local| {
-                let (p, pull, out) = (&p[run.clone()], &pull[run], &mut out[local]);
-                for ((out, p), pull) in out.iter_mut().zip(p).zip(pull) {
-                    *out += pull * p;
+        let arrays = split(&self.counts, [&mut self.applied[..], &mut self.pull]);
+        planes(level, arrays, |k, [applied, pull], scratch| {
+            hessian::apply_plane(level, border, p, smoothness, k, scratch);
+            data.scatter_plane(level, &rows, k, scratch);
+            runs_of(level, k, |run, local, own| {
+                let (p, scratch, pull, out) = (&p[run], &scratch[local], &pull[own.clone()], &mut applied[own]);
+                for (((out, p), pull), scratch) in out.iter_mut().zip(p).zip(pull).zip(scratch) {
+                    *out = scratch + pull * p;
                 }
                 dot(p, out)
             })
@@ -153,31 +183,46 @@ impl<'a> System<'a> {
     }
 
     /// Moves by `alpha` along the direction; returns the new squared preconditioned residual.
-    fn step(&mut self, alpha: f32, x: &mut [f32]) -> f64 {
-        let level = self.level;
-        let (p, applied, inverse) = (&self.direction, &self.applied, &self.inverse);
-        planes(level, [x, &mut self.residual], |k, [x, r]| {
-            runs_of(level, k, |run, local| {
-                let (x, r) = (&mut x[local.clone()], &mut r[local]);
-                for (x, p) in x.iter_mut().zip(&p[run.clone()]) {
+    fn step(&mut self, alpha: f32) -> f64 {
+        let (level, p) = (self.level, &self.direction);
+        let own = [&mut self.change[..], &mut self.residual, &mut self.applied, &mut self.inverse];
+        planes(level, split(&self.counts, own), |k, [change, residual, applied, inverse], _| {
+            for (r, a) in residual.iter_mut().zip(&*applied) {
+                *r -= alpha * a;
+            }
+            runs_of(level, k, |run, _, own| {
+                for (x, p) in change[own].iter_mut().zip(&p[run]) {
                     *x += alpha * p;
                 }
-                for (r, a) in r.iter_mut().zip(&applied[run.clone()]) {
-                    *r -= alpha * a;
-                }
-                dot_weighted(r, &inverse[run])
-            })
+                0.0
+            });
+            dot_weighted(residual, inverse)
         })
     }
 
     /// direction = inverse · residual + beta · direction.
     fn turn(&mut self, beta: f32) {
         let level = self.level;
-        let (r, inverse) = (&self.residual, &self.inverse);
-        planes(level, [&mut self.direction], |k, [p]| {
-            runs_of(level, k, |run, local| {
-                for ((p, r), inverse) in p[local].iter_mut().zip(&r[run.clone()]).zip(&inverse[run]) {
+        let own = split(&self.counts, [&mut self.residual[..], &mut self.inverse]);
+        let arrays = own.zip(self.direction.chunks_mut(level.plane_len()));
+        planes(level, arrays, |k, ([residual, inverse], p), _| {
+            runs_of(level, k, |_, local, own| {
+                for ((p, r), inverse) in p[local].iter_mut().zip(&residual[own.clone()]).zip(&inverse[own]) {
                     *p = inverse * r + beta * *p;
+                }
+                0.0
+            })
+        });
+    }
+
+    /// x += change.
+    fn add_change(&mut self, x: &mut [f32]) {
+        let level = self.level;
+        let arrays = split(&self.counts, [&mut self.change[..]]).zip(x.chunks_mut(level.plane_len()));
+        planes(level, arrays, |k, ([change], x), _| {
+            runs_of(level, k, |_, local, own| {
+                for (x, change) in x[local].iter_mut().zip(&change[own]) {
+                    *x += change;
                 }
                 0.0
             })
@@ -185,29 +230,41 @@ impl<'a> System<'a> {
     }
 }
 
-/// Calls `visit(k, plane k of each array)` in parallel and adds what it returns in order.
-fn planes<const N: usize>(
+/// The parts of arrays over the active nodes that belong to each plane.
+fn split<'a, const N: usize>(
+    counts: &[usize],
+    mut arrays: [&'a mut [f32]; N],
+) -> impl Iterator<Item = [&'a mut [f32]; N]> {
+    counts.iter().map(move |&count| arrays.each_mut().map(|a| a.split_off_mut(..count).expect("counts fit")))
+}
+
+/// Calls `visit(k, what `arrays` has for plane k, room of one plane)` in parallel and adds what it returns in order. What a visit leaves in
+/// the room the next one finds there.
+fn planes<A: Send>(
     level: &Level,
-    arrays: [&mut [f32]; N],
-    visit: impl Fn(usize, [&mut [f32]; N]) -> f64 + Sync,
+    arrays: impl Iterator<Item = A>,
+    visit: impl Fn(usize, A, &mut [f32]) -> f64 + Sync,
 ) -> f64 {
-    let plane = level.plane_len();
-    let mut iters = arrays.map(|a| a.chunks_mut(plane));
-    let chunks: Vec<[&mut [f32]; N]> = (0..level.dims[2])
-        .map(|_| iters.each_mut().map(|i| i.next().expect("every array has one chunk per plane")))
+    let arrays: Vec<A> = arrays.collect();
+    let room = || vec![0.0f32; level.plane_len()];
+    let sums: Vec<f64> = arrays
+        .into_par_iter()
+        .enumerate()
+        .with_min_len(4)
+        .map_init(room, |room, (k, arrays)| visit(k, arrays, room))
         .collect();
-    let sums: Vec<f64> = chunks.into_par_iter().enumerate().with_min_len(4).map(|(k, chunk)| visit(k, chunk)).collect();
     sums.iter().sum()
 }
 
-/// Calls `visit(run in the grid, run in the plane)` for the runs of plane `k` and adds what it returns.
+/// Calls `visit(run in the grid, run in the plane, run among the plane's active nodes)` for the runs of plane `k` and adds what it returns.
 #[inline]
-fn runs_of(level: &Level, k: usize, mut visit: impl FnMut(Range<usize>, Range<usize>) -> f64) -> f64 {
+fn runs_of(level: &Level, k: usize, mut visit: impl FnMut(Range<usize>, Range<usize>, Range<usize>) -> f64) -> f64 {
     let offset = k * level.plane_len();
-    let mut sum = 0.0;
+    let (mut sum, mut own) = (0.0, 0);
     for &(start, len) in &level.runs[k] {
-        let run = start as usize..(start + len) as usize;
-        sum += visit(run.clone(), run.start - offset..run.end - offset);
+        let (start, len) = (start as usize, len as usize);
+        sum += visit(start..start + len, start - offset..start + len - offset, own..own + len);
+        own += len;
     }
     sum
 }
@@ -218,14 +275,6 @@ fn nodes_of(level: &Level, k: usize) -> impl Iterator<Item = (usize, usize)> + '
     level.runs[k]
         .iter()
         .flat_map(move |&(start, len)| (start as usize..(start + len) as usize).map(move |n| (n, n - offset)))
-}
-
-/// Zeroes the active nodes of a plane. What the data term scatters beside them is never read.
-fn clear(level: &Level, k: usize, out: &mut [f32]) {
-    runs_of(level, k, |_, local| {
-        out[local].fill(0.0);
-        0.0
-    });
 }
 
 /// Σ aᵢ bᵢ in eight lanes, which the compiler turns into vector code.
