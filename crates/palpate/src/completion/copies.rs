@@ -1,4 +1,4 @@
-use super::kriging::Kriging;
+use super::correction::Correction;
 use super::motion::Copying;
 use crate::evidence::{Provenance, Sample, cell_and_side};
 use crate::geometry::{Point, Vector};
@@ -35,8 +35,8 @@ pub(super) fn copy_of(sample: &Sample, copying: &Copying, m: u32) -> Sample {
 }
 
 /// A copy, moved by what its family misses there.
-pub(super) fn corrected(copy: Sample, correction: Option<&Kriging>) -> Sample {
-    let miss = correction.map_or(0.0, |c| c.mean(&(copy.position, copy.normal)));
+pub(super) fn corrected(copy: Sample, correction: &Correction) -> Sample {
+    let miss = correction.shift(&(copy.position, copy.normal));
     Sample { position: copy.position + copy.normal * miss, ..copy }
 }
 

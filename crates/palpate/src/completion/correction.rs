@@ -1,16 +1,26 @@
 use super::kriging::{Grid, Kriging, Place};
 use super::motion::Copying;
-use crate::evidence::{Evidence, Sample};
+use crate::evidence::{Evidence, Sample, cell_and_side};
+use crate::geometry::Point;
 use rayon::prelude::*;
+use std::collections::BTreeMap;
 
-/// A copy lands beside a measured surface, and not on another one, up to this offset, metres.
-const BESIDE: f64 = 6e-3;
 /// Farther along the surface than this a measured sample says nothing of a copy, metres.
 const TANGENTIAL: f64 = 2.5e-3;
-/// Least cosine between the normals of a copy and of what it lands beside: on an edge the miss is no offset.
-const AGREEMENT: f64 = 0.85;
 /// A sample that maps nearer to itself than this proves nothing, metres.
 const ELSEWHERE: f64 = 6e-3;
+/// A copy lands beside a measured surface, and not on another one, up to this offset, metres.
+const BESIDE: f64 = 15e-3;
+/// Least cosine between the normals of a copy and of what it lands beside.
+const AGREEMENT: f64 = 0.5;
+/// For corrections: larger misses are no detail of a symmetric shape, metres; and on an edge the miss is no offset.
+const CORRECTABLE: f64 = 6e-3;
+const CORRECTABLE_AGREEMENT: f64 = 0.85;
+/// A miss larger than this once corrected refutes the copies around it, metres.
+const REFUTES: f64 = 2.5e-3;
+/// How far around, metres, and the side of the cells in which comparisons count once.
+const AROUND: f64 = 12e-3;
+const CELL: f64 = 3e-3;
 /// Metres.
 const GRID: Grid = Grid {
     sigmas: &[4e-4, 8e-4, 1.6e-3, 3.2e-3],
@@ -20,25 +30,73 @@ const GRID: Grid = Grid {
     or_noise: true,
 };
 
-/// By how much each family of copies misses what was measured, carried over to where nothing was: an object is seldom exactly symmetric,
-/// and a touch on the guessed side says by how much it is not, around the touch too. `None` for a family that misses by noise alone.
-///
-/// The value at a place of a copy is how far it should move along its normal, metres.
+/// What touches say of the copies of one family: an object is seldom exactly symmetric, and a touch on the guessed side says by how much it is
+/// not, around the touch too.
 ///
 /// Only where the copy or what it lands beside was felt: seen samples are beside their copies along the outline alone, where both are worst.
-///
-/// O(samples · copyings), nothing without touches.
-pub(super) fn corrections(evidence: &Evidence, families: &[Vec<&Copying>]) -> Vec<Option<Kriging>> {
+#[derive(Debug, Clone, Default)]
+pub(super) struct Correction {
+    /// How far copies should move along their normal, metres; `None` where they miss by noise alone.
+    shift: Option<Kriging>,
+    /// Where copies were compared, and whether they missed by more than a correction explains; empty if none did.
+    compared: Vec<(Point, bool)>,
+}
+
+impl Correction {
+    fn of(misses: &[Miss]) -> Self {
+        let correctable = |m: &&Miss| m.offset.abs() < CORRECTABLE && m.agreement > CORRECTABLE_AGREEMENT;
+        let observed: Vec<(Place, f64)> = misses.iter().filter(correctable).map(|m| (m.at, m.offset)).collect();
+        let shift = Kriging::fit(&observed, &GRID);
+        // Per cell and side: how many comparisons, how many of them too far off, and a place.
+        let mut cells: BTreeMap<[i32; 6], (usize, usize, Point)> = BTreeMap::new();
+        for m in misses {
+            let left = m.offset - shift.as_ref().map_or(0.0, |s| s.mean(&m.at));
+            let cell = cells.entry(cell_and_side(&m.at.0, &m.at.1, CELL)).or_insert((0, 0, m.at.0));
+            cell.0 += 1;
+            cell.1 += usize::from(left.abs() > REFUTES);
+        }
+        let mut compared: Vec<(Point, bool)> = cells.values().map(|&(all, off, p)| (p, 2 * off > all)).collect();
+        if compared.iter().all(|c| !c.1) {
+            compared.clear();
+        }
+        Self { shift, compared }
+    }
+
+    /// How far a copy at this place should move along its normal, metres.
+    pub(super) fn shift(&self, at: &Place) -> f64 {
+        self.shift.as_ref().map_or(0.0, |s| s.mean(at))
+    }
+
+    /// Whether most of the comparisons around say that the copies there are wrong.
+    pub(super) fn refutes(&self, p: &Point) -> bool {
+        let near = self.compared.iter().filter(|c| (c.0 - p).norm_squared() < AROUND * AROUND);
+        let (all, off) = near.fold((0, 0), |(all, off), c| (all + 1, off + usize::from(c.1)));
+        2 * off > all
+    }
+}
+
+/// The corrections of each family. O(samples · copyings), nothing without touches.
+pub(super) fn corrections(evidence: &Evidence, families: &[Vec<&Copying>]) -> Vec<Correction> {
     let touched = evidence.samples.iter().any(Sample::is_felt);
     let correction = |members: &Vec<&Copying>| {
-        let misses: Vec<_> = members.iter().filter(|_| touched).flat_map(|c| misses(evidence, c)).collect();
-        Kriging::fit(&misses, &GRID)
+        let misses: Vec<Miss> = members.iter().filter(|_| touched).flat_map(|c| misses(evidence, c)).collect();
+        Correction::of(&misses)
     };
     families.par_iter().map(correction).collect()
 }
 
-/// The copies that land beside a measured sample, and by how much along its normal, where one of the two was felt.
-fn misses<'a>(evidence: &'a Evidence, copying: &'a Copying) -> impl Iterator<Item = (Place, f64)> + 'a {
+/// A copy beside a measured sample.
+struct Miss {
+    /// Of the copy.
+    at: Place,
+    /// From the copy to the sample along the sample's normal, metres.
+    offset: f64,
+    /// Cosine of the normals.
+    agreement: f64,
+}
+
+/// The copies that land beside a measured sample, where one of the two was felt.
+fn misses<'a>(evidence: &'a Evidence, copying: &'a Copying) -> impl Iterator<Item = Miss> + 'a {
     let samples = &evidence.samples;
     samples.iter().filter_map(move |s| {
         let (position, normal) = (copying.motion.point(&s.position), copying.motion.vector(&s.normal));
@@ -50,8 +108,9 @@ fn misses<'a>(evidence: &'a Evidence, copying: &'a Copying) -> impl Iterator<Ite
         if !(s.is_felt() || there.is_felt()) {
             return None;
         }
-        let miss = (there.position - position).dot(&there.normal);
-        (found.tangential < TANGENTIAL && miss.abs() < BESIDE).then_some(((position, normal), miss))
+        let offset = (there.position - position).dot(&there.normal);
+        let beside = found.tangential < TANGENTIAL && offset.abs() < BESIDE;
+        beside.then_some(Miss { at: (position, normal), offset, agreement: found.agreement })
     })
 }
 

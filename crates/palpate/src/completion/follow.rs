@@ -40,7 +40,7 @@ impl MovedEvidence {
             .enumerate()
             .map(|(m, copying)| {
                 let out = &outcasts[copying.family as usize];
-                let correction = self.corrections[copying.family as usize].as_ref();
+                let correction = &self.corrections[copying.family as usize];
                 let (mut kept, mut contradicted) = (Vec::new(), Vec::new());
                 for sample in new {
                     let moved = corrected(copy_of(sample, copying, m as u32), correction);

@@ -1,6 +1,5 @@
 use super::copies::{copies, corrected};
-use super::correction::corrections;
-use super::kriging::Kriging;
+use super::correction::{Correction, corrections};
 use super::motion::{Copying, copyings, families};
 use super::thickness::far_sides;
 use crate::evidence::{Evidence, Sample};
@@ -86,7 +85,7 @@ pub struct MovedEvidence {
     /// The copies made; `Provenance::Moved` points into it.
     pub copyings: Vec<Copying>,
     /// By how much each family of copies was moved, and later ones are.
-    pub(super) corrections: Vec<Option<Kriging>>,
+    pub(super) corrections: Vec<Correction>,
 }
 
 /// Moves every measured sample by every motion of the accepted symmetries and drops what evidence contradicts or already covers.
@@ -102,15 +101,15 @@ pub fn move_evidence(evidence: &Evidence, symmetry: &Symmetry, params: &OrbitPar
     let families = families(&copyings);
     let outcasts = outcasts(evidence, &families, params);
     let corrections =
-        if params.correct { corrections(evidence, &families) } else { families.iter().map(|_| None).collect() };
+        if params.correct { corrections(evidence, &families) } else { vec![Correction::default(); families.len()] };
     let covered = Covered::new(&evidence.samples, params);
     let mut out = MovedEvidence::default();
     for (family, correction) in corrections.iter().enumerate() {
         let members: Vec<(u32, &Copying)> = (0..).zip(&copyings).filter(|c| c.1.family as usize == family).collect();
         let (copies, outcasts) = copies(&evidence.samples, &members, &outcasts[family]);
         let judge = |copy: &Sample| {
-            let moved = corrected(*copy, correction.as_ref());
-            if in_free_space(evidence, &moved.position, params) {
+            let moved = corrected(*copy, correction);
+            if correction.refutes(&copy.position) || in_free_space(evidence, &moved.position, params) {
                 Verdict::Contradicted(moved)
             } else if covered.holds(&moved.position, &moved.normal) {
                 Verdict::Covered
@@ -118,7 +117,7 @@ pub fn move_evidence(evidence: &Evidence, symmetry: &Symmetry, params: &OrbitPar
                 Verdict::Kept(moved)
             }
         };
-        out.contradicted.extend(outcasts.into_iter().map(|copy| corrected(copy, correction.as_ref())));
+        out.contradicted.extend(outcasts.into_iter().map(|copy| corrected(copy, correction)));
         let verdicts: Vec<Verdict> = copies.par_iter().map(judge).collect();
         for verdict in verdicts {
             match verdict {

@@ -162,14 +162,14 @@ mod tests {
         let block = Solid::Box(Point::new(0.0, 0.0, 0.03), Vector::new(0.05, 0.02, 0.03), 0.0);
         let solids = [fin, block];
         let (frame, visible) = crate::evidence::testing::view_from(&solids, 0.0, -1.5, 0.5);
-        // Behind the fin at three places, behind the block at its lower end.
-        let behind = [(-0.03, 0.08), (0.0, 0.08), (0.03, 0.08), (0.0, 0.012)]
+        // Behind the fin near its foot, and behind the block.
+        let behind = [(-0.03, 0.068), (0.0, 0.068), (0.03, 0.068), (-0.03, 0.04), (0.0, 0.04), (0.03, 0.04)]
             .map(|(x, z)| touch(&solids, Point::new(x, 0.2, z), Point::new(x, 0.0, z)));
         let evidence =
             Evidence::gather(&frame, &visible, &behind, &EvidenceParams::default()).expect("block and fin are seen");
         let guesses = far_sides(&evidence, &MovedEvidence::default(), &OrbitParams::default()).0;
-        let at_fin = guesses.iter().filter(|s| s.position.z > 0.065).count();
-        let within = |s: &&Sample| s.position.z < 0.045 && s.position.y.abs() < 0.018;
+        let at_fin = guesses.iter().filter(|s| s.position.z > 0.07).count();
+        let within = |s: &&Sample| s.position.z < 0.05 && s.position.y.abs() < 0.018;
         assert!(at_fin > 20, "{at_fin} guesses behind the fin");
         assert_eq!(guesses.iter().filter(within).count(), 0, "guesses inside the block");
     }

@@ -1,4 +1,4 @@
-use super::element::{Motion, SymmetryElement};
+use super::element::{Motion, SymmetryElement, tangents};
 use super::estimate::{Hypothesis, Rejection, hypothesis};
 use super::params::SymmetryParams;
 use super::planes::same;
@@ -13,6 +13,11 @@ const SAME_OFFSET: f64 = 0.004;
 /// Planes count as perpendicular below this cosine and as parallel above that one.
 const PERPENDICULAR: f64 = 0.17;
 const PARALLEL: f64 = 0.97;
+/// Cosine of normal and axis up to which a plane holds the axis, from which it cuts the axis at a right angle (2°), and from which it may if
+/// squaring costs it its acceptance (5°: what an axis may be off).
+const HOLDS: f64 = 0.2;
+const SQUARE: f64 = 0.9994;
+const ALMOST_SQUARE: f64 = 0.9962;
 /// Contradiction per informative support from which touches may reject an axis.
 const BESIDE: f64 = 0.1;
 /// Share of the samples that may be a handle which opposes the axis, and the opposition that the rest may have per informative support.
@@ -113,9 +118,13 @@ pub(super) fn resolve_conflicts(
                 planes[i] = h;
             }
         }
-        if plane_of(&planes[i]).is_some_and(|p| axis.is_some_and(|a| oblique(&p, a))) {
-            planes[i].rejection = Some(Rejection::AgainstAxis);
-            continue;
+        if let Some(axis) = axis
+            && let Some(aligned) = aligned(scorer, &planes[i], axis)
+        {
+            planes[i] = aligned;
+            if planes[i].rejection.is_some() {
+                continue;
+            }
         }
         let conflict = kept.iter().copied().find_map(|k| conflict(scorer, &planes[i], &planes[k], axis));
         match conflict {
@@ -144,9 +153,27 @@ fn settle_resting(found: &mut [Hypothesis], resting: &mut Hypothesis) {
     }
 }
 
-/// Whether a plane neither holds an axis of revolution nor cuts it at a right angle: with both, the object would be a ball.
-fn oblique(plane: &Plane, axis: &Vector) -> bool {
-    (0.2..PARALLEL).contains(&plane.normal.dot(axis).abs())
+/// A plane neither holds an axis of revolution nor cuts it at a right angle, but for errors: with both, the object would be a ball. One
+/// that almost cuts it at a right angle is made to, if the evidence accepts that; what stays oblique is rejected. `None`: it is right as it is.
+///
+/// Copies by an oblique plane, turned about the axis, would smear over twice the angle.
+fn aligned(scorer: &Scorer, h: &Hypothesis, axis: &Vector) -> Option<Hypothesis> {
+    let plane = plane_of(h)?;
+    let cosine = plane.normal.dot(axis).abs();
+    if !(HOLDS..SQUARE).contains(&cosine) {
+        return None;
+    }
+    if cosine > PARALLEL {
+        let (u, v) = tangents(axis);
+        let squared = refine_perpendicular(scorer, &plane, &u, Some(&v)).map(|(e, score)| hypothesis(scorer, e, score));
+        if let Some(squared) = squared.filter(|s| s.rejection.is_none()) {
+            return Some(squared);
+        }
+        if cosine > ALMOST_SQUARE {
+            return None;
+        }
+    }
+    Some(Hypothesis { rejection: Some(Rejection::AgainstAxis), ..h.clone() })
 }
 
 fn plane_of(h: &Hypothesis) -> Option<Plane> {
