@@ -20,8 +20,10 @@ const SQUARE: f64 = 0.9994;
 const ALMOST_SQUARE: f64 = 0.9962;
 /// Contradiction per informative support from which touches may reject an axis.
 const BESIDE: f64 = 0.1;
+/// Opposition per informative support up to which an axis gives way to no plane.
+const EXACT: f64 = 0.02;
 /// Share of the samples that may be a handle which opposes the axis, and the opposition that the rest may have per informative support.
-const HANDLE: f64 = 0.25;
+const HANDLE: f64 = 0.3;
 const BODY_RATIO: f64 = 0.1;
 /// Score by which a found plane must beat the one half way up.
 const CLEARLY: f64 = 0.1;
@@ -151,6 +153,22 @@ fn settle_resting(found: &mut [Hypothesis], resting: &mut Hypothesis) {
         }
         h.rejection = Some(Rejection::Redundant);
     }
+}
+
+/// Rejects an axis that a better plane is oblique to: one with more support, and less than a third of the opposition for it.
+///
+/// Nearly round things have axes that are almost right, and planes that are.
+pub(super) fn give_way(axis: &mut Hypothesis, planes: &[Hypothesis]) {
+    let SymmetryElement::Axis { direction, .. } = &axis.element else { return };
+    let ratio = |h: &Hypothesis| h.score.opposition() / h.score.informative.max(1e-9);
+    if axis.rejection.is_some() || ratio(axis) < EXACT {
+        return;
+    }
+    let better = |p: &&Hypothesis| p.score.informative > axis.score.informative && 3.0 * ratio(p) < ratio(axis);
+    let oblique = |p: &Plane| (HOLDS..PARALLEL).contains(&p.normal.dot(direction).abs());
+    let accepted = planes.iter().filter(|p| p.rejection.is_none());
+    let with = accepted.filter(better).filter_map(plane_of).find(oblique);
+    axis.rejection = with.map(|with| Rejection::Conflict { with });
 }
 
 /// A plane neither holds an axis of revolution nor cuts it at a right angle, but for errors: with both, the object would be a ball. One

@@ -1,4 +1,4 @@
-use super::accept::{confidence, judge, resolve_conflicts};
+use super::accept::{confidence, give_way, judge, resolve_conflicts};
 use super::axes::{normal_line_center, same_line, search_axes};
 use super::element::SymmetryElement;
 use super::params::SymmetryParams;
@@ -125,10 +125,11 @@ impl SymmetryEstimator for EvidenceSearch {
         } else {
             axes.sort_by(|a, b| usefulness(b).total_cmp(&usefulness(a)));
         }
-        let mut symmetry = Symmetry::default();
-        let direction = pick_axis(&scorer, axes, &mut symmetry);
         let mut hypotheses: Vec<Hypothesis> =
             planes.par_iter().map(|(p, s)| hypothesis(&scorer, SymmetryElement::Reflection(*p), *s)).collect();
+        axes.iter_mut().for_each(|axis| give_way(axis, &hypotheses));
+        let mut symmetry = Symmetry::default();
+        let direction = pick_axis(&scorer, axes, &mut symmetry);
         hypotheses.extend(direction.and_then(|d| plane_across(&scorer, &d)));
         let resting = resting_plane(&scorer, direction.as_ref());
         for h in resolve_conflicts(&scorer, hypotheses, resting, direction.as_ref()) {
