@@ -20,6 +20,8 @@ pub(crate) enum Outcome {
 }
 
 fn main() -> ExitCode {
+    // A reader that has seen enough, like `head`, ends us quietly.
+    sigpipe::reset();
     let args = args::Args::parse();
     match args.run() {
         Ok(Outcome::Done) => ExitCode::SUCCESS,

@@ -116,6 +116,7 @@ fn misses<'a>(evidence: &'a Evidence, copying: &'a Copying) -> impl Iterator<Ite
 
 #[cfg(test)]
 mod tests {
+    use super::{Correction, Miss};
     use crate::completion::{OrbitParams, move_evidence};
     use crate::evidence::testing::{Solid, touch, view};
     use crate::evidence::{Evidence, EvidenceParams, Sample};
@@ -148,6 +149,23 @@ mod tests {
         let copies: Vec<f64> = moved.kept.iter().filter(beside).map(|s| (s.position.x + 0.025).abs()).collect();
         assert!(copies.len() > 30, "{} copies", copies.len());
         copies.iter().sum::<f64>() / copies.len() as f64
+    }
+
+    #[test]
+    fn copies_around_one_that_a_touch_refutes_are_refuted_and_others_are_not() {
+        // A sheet of comparisons: 8 mm off where x > 0, but for one in the middle of them that fits.
+        let misses: Vec<Miss> = (0..400)
+            .map(|i| {
+                let at = Point::new(f64::from(i % 20) * 3e-3 - 0.03, f64::from(i / 20) * 3e-3 - 0.03, 0.0);
+                let fits = at.x < 0.0 || (i % 20 == 15 && i / 20 == 10);
+                Miss { at: (at, Vector::z()), offset: if fits { 2e-4 } else { 8e-3 }, agreement: 1.0 }
+            })
+            .collect();
+        let correction = Correction::of(&misses);
+        assert!(correction.refutes(&Point::new(0.016, 0.0, 0.001)));
+        assert!(!correction.refutes(&Point::new(-0.016, 0.0, 0.001)));
+        assert!(!correction.refutes(&Point::new(0.016, 0.0, 0.05)), "nothing was compared there");
+        assert!(correction.shift(&(Point::new(0.016, 0.0, 0.0), Vector::z())).abs() < 1e-3, "8 mm is no detail");
     }
 
     #[test]

@@ -266,4 +266,49 @@ mod tests {
         let kept: Vec<Plane> = found.iter().filter(|h| h.rejection.is_none()).filter_map(plane_of).collect();
         assert!(kept.len() == 1 && kept[0].normal.x.abs() > 0.99999, "{kept:?}");
     }
+
+    #[test]
+    fn a_plane_almost_across_the_axis_is_squared_to_it() {
+        let center = Point::new(0.0, 0.0, 0.04);
+        let (frame, visible) = view(&[Solid::Cylinder(center, 0.03, 0.04)], 0.0);
+        let evidence = Evidence::gather(&frame, &visible, &[], &EvidenceParams::default()).expect("the can is seen");
+        let params = SymmetryParams::default();
+        let scorer = Scorer::new(&evidence, &params);
+        let tilt = 8.0_f64.to_radians();
+        let plane = Plane::new(Vector::new(tilt.sin(), 0.0, tilt.cos()), &center).expect("a direction");
+        let element = SymmetryElement::Reflection(plane);
+        let tilted =
+            Hypothesis { element, score: Score::default(), confidence: 1.0, covariance: None, rejection: None };
+        let found = resolve_conflicts(&scorer, vec![tilted], None, Some(&Vector::z()));
+        let plane = plane_of(&found[0]).expect("it stays a plane");
+        assert!(found[0].rejection.is_none() && plane.normal.z.abs() > 0.99999, "{found:?}");
+        assert!(plane.signed_distance(&center).abs() < 2e-3, "{plane:?}");
+    }
+
+    #[test]
+    fn an_axis_gives_way_to_a_better_plane_that_is_oblique_to_it() {
+        let made = |element, informative, violation| Hypothesis {
+            element,
+            score: Score { informative, violation, ..Score::default() },
+            confidence: 1.0,
+            covariance: None,
+            rejection: None,
+        };
+        let axis = SymmetryElement::Axis { point: Point::origin(), direction: Vector::z_axis(), order: None };
+        let plane = |n: Vector, informative, violation| {
+            let plane = Plane::new(n, &Point::origin()).expect("a direction");
+            made(SymmetryElement::Reflection(plane), informative, violation)
+        };
+        let gives_way = |plane: Hypothesis, violation| {
+            let mut axis = made(axis, 0.5, violation);
+            give_way(&mut axis, &[plane]);
+            axis.rejection.is_some()
+        };
+        let oblique = Vector::new(1.0, 0.0, 1.0);
+        assert!(gives_way(plane(oblique, 0.6, 0.01), 0.05));
+        assert!(!gives_way(plane(oblique, 0.4, 0.0), 0.05), "less support");
+        assert!(!gives_way(plane(oblique, 0.6, 0.03), 0.05), "opposed itself");
+        assert!(!gives_way(plane(oblique, 0.6, 0.0), 0.005), "the axis is as good as exact");
+        assert!(!gives_way(plane(Vector::x(), 0.6, 0.0), 0.05) && !gives_way(plane(Vector::z(), 0.6, 0.0), 0.05));
+    }
 }

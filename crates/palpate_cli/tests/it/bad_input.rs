@@ -146,3 +146,16 @@ fn outputs_that_cannot_be_written_are_named() {
     init(&shop.text("taken")).expect(1, &["taken/depth.png: it is a folder, a file is needed"]);
     assert!(!shop.path("taken/scene.toml").exists(), "no scene.toml without its images");
 }
+
+#[test]
+fn a_reader_that_has_gone_ends_a_command_quietly() {
+    let (reader, writer) = std::io::pipe().expect("a pipe");
+    drop(reader);
+    let output = std::process::Command::new(assert_cmd::cargo::cargo_bin("palpate"))
+        .arg("config")
+        .stdout(writer)
+        .stderr(std::process::Stdio::piped())
+        .output()
+        .expect("runs");
+    assert!(output.stderr.is_empty(), "{}", String::from_utf8_lossy(&output.stderr));
+}

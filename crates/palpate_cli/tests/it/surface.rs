@@ -113,3 +113,34 @@ fn a_mesh_is_cleaned_up_and_a_trimmed_one_is_said_to_be_open() {
     let (status, ..) = palpate(folder.path(), &["mesh", "mesh.ply", "-o", "x.ply", "--drop-small", "2"]);
     assert!(status == 2 && !folder.path().join("x.ply").exists());
 }
+
+#[test]
+fn hostile_meshes_are_refused_by_name_and_leave_nothing() {
+    let header = |vertices: &str, faces: &str| {
+        format!(
+            "ply\nformat ascii 1.0\nelement vertex {vertices}\nproperty float x\nproperty float y\nproperty float z\n\
+             element face {faces}\nproperty list uchar int vertex_indices\nend_header\n"
+        )
+    };
+    let corners = "0 0 0\n1 0 0\n0 1 0\n";
+    let cases: [(&str, Vec<u8>); 9] = [
+        ("empty.ply", Vec::new()),
+        ("cut.ply", header("3", "1").into_bytes()[..90].to_vec()),
+        ("short.ply", (header("3", "1") + "0 0 0\n1 0 0\n").into_bytes()),
+        ("index.ply", (header("3", "1") + corners + "3 0 1 7\n").into_bytes()),
+        ("negative.ply", (header("3", "1") + corners + "3 0 1 -2\n").into_bytes()),
+        ("nan.ply", (header("3", "1") + "0 0 0\nnan 0 0\n0 1 0\n3 0 1 2\n").into_bytes()),
+        ("huge.ply", (header("4000000000000", "1") + corners).into_bytes()),
+        ("faceless.ply", (header("3", "0") + corners).into_bytes()),
+        ("noise.stl", (0..=255).cycle().take(300).collect()),
+    ];
+    let folder = tempfile::tempdir().expect("a folder");
+    for (name, bytes) in cases {
+        std::fs::write(folder.path().join(name), bytes).expect("writable");
+        let (status, _, errors) = palpate(folder.path(), &["mesh", name, "--output", "out.ply", "--fill-holes"]);
+        assert!(status == 1 && errors.contains(name) && !errors.contains("panicked"), "{name}: {status} {errors}");
+        assert!(!folder.path().join("out.ply").exists(), "{name}");
+        let (status, _, errors) = palpate(folder.path(), &["inspect", name]);
+        assert!(status == 1 && errors.contains(name) && !errors.contains("panicked"), "{name}: {status} {errors}");
+    }
+}

@@ -66,7 +66,7 @@ pub(super) fn projected(points: &[Point], normals: &[Vector], radius: f64) -> (V
             let (squared, cosine) = (chord.norm_squared(), n.dot(m));
             if squared < reach && cosine > AGREEMENT {
                 let off = chord.dot(&(n + m)) / (2.0 + 2.0 * cosine).sqrt();
-                let w = (-0.5 * (squared - off * off) / (radius * radius)).exp();
+                let w = bell(squared - off * off, radius);
                 mean += m * w;
                 offset += w * off;
                 total += w;
@@ -76,6 +76,13 @@ pub(super) fn projected(points: &[Point], normals: &[Vector], radius: f64) -> (V
         (p + mean * (offset / total.max(f64::MIN_POSITIVE)), mean)
     });
     moved.into_iter().unzip()
+}
+
+/// (1 − d²/16r²)⁸: a Gaussian of radius r, to 0.04, for d up to 2 r. An exponential each would take a fifth of ball pivoting's time.
+fn bell(squared: f64, radius: f64) -> f64 {
+    let second = (1.0 - squared / (16.0 * radius * radius)).powi(2);
+    let fourth = second * second;
+    fourth * fourth
 }
 
 #[cfg(test)]

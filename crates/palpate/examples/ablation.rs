@@ -1,0 +1,139 @@
+//! What each part of the method is worth: reconstructs scenes with truth, with every part taken away in turn.
+//!
+//! `cargo run --release --example ablation -- [--touches 0,20] [--only WORD] SCENE...`
+//!
+//! Prints the means over all scenes, and the change against the whole method: volumetric IoU, Chamfer mean in mm, and the scene that loses most.
+//! Shells (bowls and plates, whose volume says little) are told apart by `--shells NAME,…`: their distances alone count.
+
+use palpate::io::{SceneFile, read_mesh, read_scene};
+use palpate::metrics::{CompareParams, TruthReference};
+use palpate::pipeline::{ReconstructParams, Stages, reconstruct};
+use palpate::symmetry::{Symmetry, SymmetryEstimator};
+use rayon::prelude::*;
+use std::error::Error;
+
+/// Accepts nothing.
+struct Nothing;
+
+impl SymmetryEstimator for Nothing {
+    fn estimate(&self, _: &palpate::evidence::Evidence) -> Symmetry {
+        Symmetry::default()
+    }
+}
+
+/// What is taken away, and how.
+type Part = (&'static str, fn(&mut ReconstructParams));
+
+const PARTS: &[Part] = &[
+    ("nothing (the whole method)", |_| {}),
+    ("symmetry", |_| {}),
+    ("rejection by opposition", |p| {
+        (p.symmetry.plane_ratio, p.symmetry.axis_ratio, p.symmetry.slack) = (10.0, 10.0, 1.0);
+        (p.symmetry.felt_opposition, p.symmetry.axis_felt_opposition) = (10.0, 10.0);
+    }),
+    ("contact with the support", |p| (p.symmetry.resting_slack, p.symmetry.resting_ratio) = (0.0, 0.0)),
+    ("vessels are open above", |p| p.symmetry.hollowness = 1.0),
+    ("low weight of copies", |p| p.orbit.weight = 1.0),
+    ("their normals count more", |p| p.orbit.orientation = 1.0),
+    ("correction of copies by touches", |p| p.orbit.correct = false),
+    ("far sides", |p| p.orbit.far_sides = false),
+    ("trial of touches", |p| p.touches.judge = false),
+    ("refinement of poses", |p| p.touches.refine = false),
+    ("free space in the fusion", |p| p.implicit.free_weight = 0.0),
+    ("winding prior", |p| p.implicit.prior.winding_weight = 0.0),
+    ("hull prior", |p| p.implicit.prior.hull_weight = 0.0),
+    ("narrow band (dense cells alone)", |p| {
+        (p.implicit.spacing, p.implicit.shell.spacing) = (0.01, 0.01);
+    }),
+    ("finer cells for shells", |p| p.implicit.shell.pairs = 2.0),
+    ("denoising of depth", |p| p.segment.smooth.radius = 1),
+];
+
+struct Run {
+    iou: f64,
+    chamfer: f64,
+}
+
+fn run(scene: &SceneFile, reference: &TruthReference, touches: usize, part: &Part) -> Option<Run> {
+    let mut params =
+        ReconstructParams { max_touches: Some(touches), uncertainty: false, ..ReconstructParams::default() };
+    part.1(&mut params);
+    let estimator = (part.0 == "symmetry").then_some(&Nothing as &dyn SymmetryEstimator);
+    let made = reconstruct(&scene.scene, &params, &Stages { symmetry: estimator, ..Stages::default() }).ok()?;
+    let judged = reference.compare(&made.mesh).ok()?;
+    Some(Run { iou: judged.volumetric_iou.unwrap_or(0.0), chamfer: judged.distances.chamfer_mean_mm })
+}
+
+fn main() -> Result<(), Box<dyn Error>> {
+    let (mut counts, mut only, mut shells, mut folders) = (vec![0, 20], String::new(), Vec::new(), Vec::new());
+    let mut args = std::env::args().skip(1);
+    while let Some(arg) = args.next() {
+        match arg.as_str() {
+            "--touches" => {
+                let list = args.next().ok_or("--touches needs a list")?;
+                counts = list.split(',').map(str::parse).collect::<Result<_, _>>()?;
+            }
+            "--only" => only = args.next().ok_or("--only needs a word")?,
+            "--shells" => shells = args.next().ok_or("--shells needs names")?.split(',').map(String::from).collect(),
+            _ => folders.push(arg),
+        }
+    }
+    let scenes: Vec<(String, SceneFile, TruthReference)> = folders
+        .iter()
+        .map(|folder| {
+            let scene = read_scene(folder)?;
+            let truth = read_mesh(scene.truth.as_ref().ok_or_else(|| format!("{folder}: no truth"))?)?;
+            let reference =
+                TruthReference::new(&truth, &CompareParams { samples: 30_000, ..CompareParams::default() })?;
+            Ok((folder.rsplit('/').next().unwrap_or(folder).to_owned(), scene, reference))
+        })
+        .collect::<Result<_, Box<dyn Error>>>()?;
+    println!(
+        "| taken away | touches | IoU | Chamfer, mm | shells: Chamfer, mm | loses most |\n|---|---|---|---|---|---|"
+    );
+    let mut whole: Vec<Vec<Option<Run>>> = Vec::new();
+    for part in PARTS.iter().enumerate().filter(|(i, p)| *i == 0 || p.0.contains(&only)).map(|(_, p)| p) {
+        for (c, &touches) in counts.iter().enumerate() {
+            let runs: Vec<Option<Run>> = scenes.par_iter().map(|s| run(&s.1, &s.2, touches, part)).collect();
+            if whole.len() == c {
+                whole.push(runs);
+                row(part.0, touches, &scenes, &whole[c], None, &shells);
+            } else {
+                row(part.0, touches, &scenes, &runs, Some(&whole[c]), &shells);
+            }
+        }
+    }
+    Ok(())
+}
+
+/// A row of means over the scenes, or of their changes. A failed run counts as IoU 0 and is left out of distances.
+fn row(
+    name: &str,
+    touches: usize,
+    scenes: &[(String, SceneFile, TruthReference)],
+    runs: &[Option<Run>],
+    whole: Option<&Vec<Option<Run>>>,
+    shells: &[String],
+) {
+    let is_shell = |i: usize| shells.iter().any(|s| scenes[i].0.contains(s));
+    let iou = |r: &Option<Run>| r.as_ref().map_or(0.0, |r| r.iou);
+    let value = |i: usize, f: fn(&Run) -> f64| {
+        let own = runs[i].as_ref().map(f)?;
+        Some(own - whole.map_or(Some(0.0), |w| w[i].as_ref().map(f))?)
+    };
+    let mean = |shell: bool, f: fn(&Run) -> f64| {
+        let of: Vec<f64> = (0..runs.len()).filter(|&i| is_shell(i) == shell).filter_map(|i| value(i, f)).collect();
+        of.iter().sum::<f64>() / of.len().max(1) as f64
+    };
+    let bodies: Vec<usize> = (0..runs.len()).filter(|&i| !is_shell(i)).collect();
+    let change = |i: usize| iou(&runs[i]) - whole.map_or(0.0, |w| iou(&w[i]));
+    let mean_iou = bodies.iter().map(|&i| change(i)).sum::<f64>() / bodies.len().max(1) as f64;
+    let worst = bodies.iter().copied().min_by(|&a, &b| change(a).total_cmp(&change(b)));
+    let worst = worst.map_or(String::new(), |i| format!("{} {:+.3}", scenes[i].0, change(i)));
+    let (chamfer, of_shells) = (mean(false, |r| r.chamfer), mean(true, |r| r.chamfer));
+    if whole.is_some() {
+        println!("| {name} | {touches} | {mean_iou:+.4} | {chamfer:+.3} | {of_shells:+.2} | {worst} |");
+    } else {
+        println!("| {name} | {touches} | {mean_iou:.4} | {chamfer:.3} | {of_shells:.2} | |");
+    }
+}
