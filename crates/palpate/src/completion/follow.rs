@@ -75,13 +75,15 @@ impl MovedEvidence {
             bounds.contains(&s.position)
                 && new.iter().any(|n| params.replaces(n, (n.position - s.position).norm(), &s.normal))
         };
-        let copyings = &self.copyings;
+        let (copyings, corrections) = (&self.copyings, &self.corrections);
         let ruled_out = |s: &Sample| {
             let Provenance::Moved { motion } = s.provenance else { return false };
             let copying = &copyings[motion as usize];
             let [bad, _] = &outcasts[copying.family as usize];
             !bad.is_empty() && {
-                let source = copying.motion.inverse().point(&s.position);
+                // Where the copy lay before it was corrected: corrections hardly change over their own length.
+                let shift = corrections[copying.family as usize].shift(&(s.position, s.normal));
+                let source = copying.motion.inverse().point(&(s.position - s.normal * shift));
                 bad.iter().any(|b| (b.position - source).norm() < params.orbit_radius)
             }
         };

@@ -127,7 +127,9 @@ impl SymmetryEstimator for EvidenceSearch {
         }
         let mut hypotheses: Vec<Hypothesis> =
             planes.par_iter().map(|(p, s)| hypothesis(&scorer, SymmetryElement::Reflection(*p), *s)).collect();
-        axes.iter_mut().for_each(|axis| give_way(axis, &hypotheses));
+        for axis in &mut axes {
+            give_way(axis, &hypotheses);
+        }
         let mut symmetry = Symmetry::default();
         let direction = pick_axis(&scorer, axes, &mut symmetry);
         hypotheses.extend(direction.and_then(|d| plane_across(&scorer, &d)));
