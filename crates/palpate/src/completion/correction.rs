@@ -38,7 +38,7 @@ const GRID: Grid = Grid {
 pub(super) struct Correction {
     /// How far copies should move along their normal, metres; `None` where they miss by noise alone.
     shift: Option<Kriging>,
-    /// Where copies were compared, and whether they missed by more than a correction explains; empty if none did.
+    /// Where copies were compared, and whether they missed by more than a correction explains; those that did come first.
     compared: Vec<(Point, bool)>,
 }
 
@@ -56,9 +56,7 @@ impl Correction {
             cell.1 += usize::from(left.abs() > REFUTES);
         }
         let mut compared: Vec<(Point, bool)> = cells.values().map(|&(all, off, p)| (p, 2 * off > all)).collect();
-        if compared.iter().all(|c| !c.1) {
-            compared.clear();
-        }
+        compared.sort_by_key(|c| !c.1);
         Self { shift, compared }
     }
 
@@ -69,7 +67,13 @@ impl Correction {
 
     /// Whether most of the comparisons around say that the copies there are wrong.
     pub(super) fn refutes(&self, p: &Point) -> bool {
-        let near = self.compared.iter().filter(|c| (c.0 - p).norm_squared() < AROUND * AROUND);
+        let is_near = |c: &&(Point, bool)| (c.0 - p).norm_squared() < AROUND * AROUND;
+        // The refuted ones come first and are few: most places are decided by them.
+        let mut refuted = self.compared.iter().take_while(|c| c.1);
+        if refuted.all(|c| !is_near(&c)) {
+            return false;
+        }
+        let near = self.compared.iter().filter(is_near);
         let (all, off) = near.fold((0, 0), |(all, off), c| (all + 1, off + usize::from(c.1)));
         2 * off > all
     }
