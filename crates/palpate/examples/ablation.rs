@@ -28,8 +28,8 @@ const PARTS: &[Part] = &[
     ("nothing (the whole method)", |_| {}),
     ("symmetry", |_| {}),
     ("rejection by opposition", |p| {
-        (p.symmetry.plane_ratio, p.symmetry.axis_ratio, p.symmetry.slack) = (10.0, 10.0, 1.0);
-        (p.symmetry.felt_opposition, p.symmetry.axis_felt_opposition) = (10.0, 10.0);
+        (p.symmetry.plane_ratio, p.symmetry.axis_ratio, p.symmetry.slack) = (1.0, 1.0, 1.0);
+        (p.symmetry.felt_opposition, p.symmetry.axis_felt_opposition) = (1.0, 1.0);
     }),
     ("contact with the support", |p| (p.symmetry.resting_slack, p.symmetry.resting_ratio) = (0.0, 0.0)),
     ("vessels are open above", |p| p.symmetry.hollowness = 1.0),
@@ -59,7 +59,8 @@ fn run(scene: &SceneFile, reference: &TruthReference, touches: usize, part: &Par
         ReconstructParams { max_touches: Some(touches), uncertainty: false, ..ReconstructParams::default() };
     part.1(&mut params);
     let estimator = (part.0 == "symmetry").then_some(&Nothing as &dyn SymmetryEstimator);
-    let made = reconstruct(&scene.scene, &params, &Stages { symmetry: estimator, ..Stages::default() }).ok()?;
+    let made = reconstruct(&scene.scene, &params, &Stages { symmetry: estimator, ..Stages::default() });
+    let made = made.inspect_err(|error| eprintln!("{} without {}: {error}", scene.scene.name, part.0)).ok()?;
     let judged = reference.compare(&made.mesh).ok()?;
     Some(Run { iou: judged.volumetric_iou.unwrap_or(0.0), chamfer: judged.distances.chamfer_mean_mm })
 }
