@@ -57,7 +57,7 @@ fn followed_touches_agree_with_a_full_reconstruction_and_settle_to_it() {
     assert_eq!(knowledge.sigma.len(), followed.mesh.vertices.len());
     // Symmetries that only the touches show are not found until it is settled.
     let (agree, before) = (iou(&followed.mesh, &full.mesh), iou(&untouched, &full.mesh));
-    assert!(agree > before + 0.05, "IoU with the full one: {agree}; without touches {before}");
+    assert!(1.0 - agree < 0.6 * (1.0 - before), "IoU with the full one: {agree}; without touches {before}");
     session.settle().expect("as before");
     assert!(session.is_settled() && session.reconstruction().mesh == full.mesh, "settled is the very same");
 }
