@@ -68,6 +68,22 @@ pub(super) fn apply_plane(level: &Level, border: &Border, x: &[f32], scale: f32,
     }
 }
 
+/// Adds `scale` times the diagonal of that operator to the active nodes of plane `k`; `out` is that plane.
+pub(super) fn diagonal_plane(level: &Level, border: &Border, scale: f32, k: usize, out: &mut [f32]) {
+    let offset = k * level.plane_len();
+    let (rows, mut row, mut from) = (&border.planes[k], 0, 0);
+    for run in &level.runs[k] {
+        let (start, first, last, end) = parts(level, k, *run);
+        for n in (start..first).chain(last..end) {
+            let to = rows.ends[row] as usize;
+            let own: f32 = rows.terms[from..to].iter().filter(|t| t.0 as usize == n).map(|t| t.1).sum();
+            out[n - offset] += scale * own;
+            (row, from) = (row + 1, to);
+        }
+        out[first - offset..last - offset].iter_mut().for_each(|d| *d += scale * INNER_DIAGONAL);
+    }
+}
+
 /// Start and end of a run of plane `k`, and in between those of its part that is at least two nodes from the border.
 fn parts(level: &Level, k: usize, (start, len): (u32, u32)) -> (usize, usize, usize, usize) {
     let [nx, ny, nz] = level.dims;
@@ -81,6 +97,9 @@ fn parts(level: &Level, k: usize, (start, len): (u32, u32)) -> (usize, usize, us
     let last = (start + (nx - 2).saturating_sub(i)).clamp(first, end);
     (start, first, last, end)
 }
+
+/// Middle of the 25-point stencil.
+const INNER_DIAGONAL: f32 = 42.0;
 
 /// The 25-point stencil on a run whose neighbours all exist.
 fn interior(x: &[f32], first: usize, last: usize, dy: usize, dz: usize, scale: f32, out: &mut [f32]) {
@@ -102,15 +121,8 @@ fn interior(x: &[f32], first: usize, last: usize, dy: usize, dz: usize, scale: f
             + xy[3][n]
             + (xz[0][n] + xz[1][n] + xz[2][n] + xz[3][n])
             + (yz[0][n] + yz[1][n] + yz[2][n] + yz[3][n]);
-        out[n] = scale * (42.0 * centre[n] - 12.0 * near + far + 2.0 * mixed);
+        out[n] = scale * (INNER_DIAGONAL * centre[n] - 12.0 * near + far + 2.0 * mixed);
     }
-}
-
-/// Diagonal of the operator at node `n` (before the factor μ).
-pub(super) fn diagonal(level: &Level, n: usize) -> f32 {
-    let mut diagonal = 0.0;
-    for_each_difference(level, n, |own, _| diagonal += own * own);
-    diagonal
 }
 
 /// Calls `visit(own coefficient, all (node, coefficient))` for every difference of the energy that involves node `n`.
@@ -185,7 +197,16 @@ mod tests {
             });
             assert!((out - sum).abs() < 1e-3, "node {n}: {out} against {sum}");
         }
-        let centre = l.index(4, 4, 4);
-        assert!((diagonal(&l, centre) - 42.0).abs() < 1e-4);
+        let border = Border::new(&l);
+        for (k, out) in out.chunks_mut(l.plane_len()).enumerate() {
+            out.fill(0.0);
+            diagonal_plane(&l, &border, 1.0, k, out);
+        }
+        assert!((out[l.index(4, 4, 4)] - 42.0).abs() < 1e-4);
+        for (n, diagonal) in out.iter().enumerate() {
+            let mut sum = 0.0;
+            for_each_difference(&l, n, |own, _| sum += own * own);
+            assert!((diagonal - sum).abs() < 1e-4, "node {n}: {diagonal} against {sum}");
+        }
     }
 }

@@ -86,20 +86,18 @@ impl<'a> System<'a> {
             level.runs.iter().map(|runs| runs.iter().map(|&(_, len)| len as usize).sum()).collect();
         let zeros = || vec![0.0f32; counts.iter().sum()];
         let mut diagonal = zeros();
-        let [nx, ny, nz] = level.dims;
-        planes(level, split(&counts, [&mut diagonal]), |k, [out], scratch| {
-            data.diagonal_plane(level, k, scratch);
-            for (o, (n, m)) in out.iter_mut().zip(nodes_of(level, k)) {
-                let (i, j) = (m % nx, m / nx);
-                let inner = i >= 2 && i + 2 < nx && j >= 2 && j + 2 < ny && k >= 2 && k + 2 < nz;
-                *o = scratch[m] + smoothness * if inner { 42.0 } else { hessian::diagonal(level, n) };
-            }
+        let border = hessian::Border::new(level);
+        planes(level.plane_len(), split(&counts, [&mut diagonal]), |k, [out], scratch| {
             scratch.fill(0.0);
+            data.diagonal_plane(level, k, scratch);
+            hessian::diagonal_plane(level, &border, smoothness, k, scratch);
+            for (out, (_, m)) in out.iter_mut().zip(nodes_of(level, k)) {
+                *out = scratch[m];
+            }
             0.0
         });
         let (pull, inverse, residual, applied, change) = (zeros(), zeros(), zeros(), zeros(), zeros());
         let direction = vec![0.0; nodes];
-        let border = hessian::Border::new(level);
         Self {
             level,
             data,
@@ -146,7 +144,7 @@ impl<'a> System<'a> {
         let rows = data.misfits(level, x);
         let own = [&mut self.residual[..], &mut self.pull, &mut self.inverse, &mut self.change, &mut self.diagonal];
         let arrays = split(&self.counts, own).zip(self.direction.chunks_mut(level.plane_len()));
-        planes(level, arrays, |k, ([residual, pull, inverse, change, diagonal], direction), scratch| {
+        planes(level.plane_len(), arrays, |k, ([residual, pull, inverse, change, diagonal], direction), scratch| {
             hessian::apply_plane(level, border, x, -smoothness, k, scratch);
             data.scatter_plane(level, &rows, k, scratch);
             change.fill(0.0);
@@ -169,7 +167,7 @@ impl<'a> System<'a> {
         let p = &self.direction;
         let rows = data.rows(level, p);
         let arrays = split(&self.counts, [&mut self.applied[..], &mut self.pull]);
-        planes(level, arrays, |k, [applied, pull], scratch| {
+        planes(level.plane_len(), arrays, |k, [applied, pull], scratch| {
             hessian::apply_plane(level, border, p, smoothness, k, scratch);
             data.scatter_plane(level, &rows, k, scratch);
             runs_of(level, k, |run, local, own| {
@@ -186,7 +184,7 @@ impl<'a> System<'a> {
     fn step(&mut self, alpha: f32) -> f64 {
         let (level, p) = (self.level, &self.direction);
         let own = [&mut self.change[..], &mut self.residual, &mut self.applied, &mut self.inverse];
-        planes(level, split(&self.counts, own), |k, [change, residual, applied, inverse], _| {
+        planes(0, split(&self.counts, own), |k, [change, residual, applied, inverse], _| {
             for (r, a) in residual.iter_mut().zip(&*applied) {
                 *r -= alpha * a;
             }
@@ -205,7 +203,7 @@ impl<'a> System<'a> {
         let level = self.level;
         let own = split(&self.counts, [&mut self.residual[..], &mut self.inverse]);
         let arrays = own.zip(self.direction.chunks_mut(level.plane_len()));
-        planes(level, arrays, |k, ([residual, inverse], p), _| {
+        planes(0, arrays, |k, ([residual, inverse], p), _| {
             runs_of(level, k, |_, local, own| {
                 for ((p, r), inverse) in p[local].iter_mut().zip(&residual[own.clone()]).zip(&inverse[own]) {
                     *p = inverse * r + beta * *p;
@@ -219,7 +217,7 @@ impl<'a> System<'a> {
     fn add_change(&mut self, x: &mut [f32]) {
         let level = self.level;
         let arrays = split(&self.counts, [&mut self.change[..]]).zip(x.chunks_mut(level.plane_len()));
-        planes(level, arrays, |k, ([change], x), _| {
+        planes(0, arrays, |k, ([change], x), _| {
             runs_of(level, k, |_, local, own| {
                 for (x, change) in x[local].iter_mut().zip(&change[own]) {
                     *x += change;
@@ -238,20 +236,19 @@ fn split<'a, const N: usize>(
     counts.iter().map(move |&count| arrays.each_mut().map(|a| a.split_off_mut(..count).expect("counts fit")))
 }
 
-/// Calls `visit(k, what `arrays` has for plane k, room of one plane)` in parallel and adds what it returns in order. What a visit leaves in
-/// the room the next one finds there.
+/// Calls `visit(k, what `arrays` has for plane k, room)` in parallel and adds what it returns in order. What a visit leaves in the room, of
+/// `room` numbers, the next one finds there.
 fn planes<A: Send>(
-    level: &Level,
+    room: usize,
     arrays: impl Iterator<Item = A>,
     visit: impl Fn(usize, A, &mut [f32]) -> f64 + Sync,
 ) -> f64 {
     let arrays: Vec<A> = arrays.collect();
-    let room = || vec![0.0f32; level.plane_len()];
     let sums: Vec<f64> = arrays
         .into_par_iter()
         .enumerate()
         .with_min_len(4)
-        .map_init(room, |room, (k, arrays)| visit(k, arrays, room))
+        .map_init(|| vec![0.0f32; room], |room, (k, arrays)| visit(k, arrays, room))
         .collect();
     sums.iter().sum()
 }
