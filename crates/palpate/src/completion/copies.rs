@@ -15,12 +15,10 @@ const OVERLAP: f64 = 1e-3;
 ///
 /// O(n log n) in samples · motions.
 pub(super) fn copies(samples: &[Sample], members: &[(u32, &Copying)], outcast: &[bool]) -> (Vec<Sample>, Vec<Sample>) {
-    let moved: Vec<(Sample, bool)> = members
-        .par_iter()
-        .flat_map_iter(|(m, c)| samples.iter().zip(outcast).map(|(s, out)| (copy_of(s, c, *m), *out)))
-        .collect();
-    let (out, within): (Vec<_>, Vec<_>) = moved.into_iter().partition(|(_, out)| *out);
-    let [within, out] = [within, out].map(|m| m.into_iter().map(|(s, _)| s).collect::<Vec<_>>());
+    let [within, out] = [false, true].map(|wanted| {
+        let of = samples.iter().zip(outcast).filter(move |(_, out)| **out == wanted).map(|(s, _)| s);
+        members.par_iter().flat_map_iter(|(m, c)| of.clone().map(|s| copy_of(s, c, *m))).collect::<Vec<_>>()
+    });
     if members.len() < 2 { (within, out) } else { (averaged(&within), out) }
 }
 

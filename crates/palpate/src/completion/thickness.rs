@@ -77,10 +77,10 @@ pub(super) fn far_sides(evidence: &Evidence, moved: &MovedEvidence, params: &Orb
         if side.is_some() || matches!(s.provenance, Provenance::Moved { .. }) {
             return None;
         }
-        let (mean, doubt) = kriging.mean_and_doubt(&(s.position, s.normal));
         if thin.mean(&(s.position, s.normal)) < THIN {
             return None;
         }
+        let (mean, doubt) = kriging.mean_and_doubt(&(s.position, s.normal));
         let thickness = (usual + mean).exp();
         let position = s.position - s.normal * thickness;
         let free = evidence.free_space.signed_distance(&position) > 0.0;
