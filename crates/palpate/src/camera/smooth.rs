@@ -197,7 +197,7 @@ fn quadratic_offset(du: &[f32], dv: &[f32], q: &[f32], [a, b, c]: [f32; 3], scal
     if du.len() < MIN_QUADRATIC {
         return None;
     }
-    let mut fit = [c, a, b, 0.0, 0.0, 0.0];
+    let mut fit = [c, a / QUADRATIC_UNIT, b / QUADRATIC_UNIT, 0.0, 0.0, 0.0];
     for _ in 0..QUADRATIC_SOLVES {
         fit = solve_quadratic(du, dv, q, &fit, scale)?;
     }
@@ -208,25 +208,18 @@ fn quadratic_offset(du: &[f32], dv: &[f32], q: &[f32], [a, b, c]: [f32; 3], scal
 /// Columns of the quadratic are of order one over the window: x and y in units of four pixels.
 const QUADRATIC_UNIT: f32 = 0.25;
 
-/// One solve for 1, u, v, u², uv, v² with the weights of the residuals of `fit`. (What is solved for is the difference, which is small: single
+/// One solve for 1, x, y, x², xy, y² with the weights of the residuals of `fit`. (What is solved for is the difference, which is small: single
 /// precision suffices for a window at the object's edge.)
 fn solve_quadratic(du: &[f32], dv: &[f32], q: &[f32], fit: &[f32; 6], scale: f32) -> Option<[f32; 6]> {
     let mut normal = [[0.0f32; 6]; 6];
     let mut rhs = [0.0f32; 6];
     for ((&x, &y), &z) in du.iter().zip(dv).zip(q) {
-        let basis = [
-            1.0,
-            x,
-            y,
-            QUADRATIC_UNIT * QUADRATIC_UNIT * x * x,
-            QUADRATIC_UNIT * QUADRATIC_UNIT * x * y,
-            QUADRATIC_UNIT * QUADRATIC_UNIT * y * y,
-        ];
+        let (x, y) = (QUADRATIC_UNIT * x, QUADRATIC_UNIT * y);
+        let basis = [1.0, x, y, x * x, x * y, y * y];
         let residual = z - basis.iter().zip(fit).map(|(b, f)| b * f).sum::<f32>();
         let r = residual * scale;
         let root = 1.0 / (1.0 + r * r);
         let w = root * root;
-        let basis = [1.0, QUADRATIC_UNIT * x, QUADRATIC_UNIT * y, basis[3], basis[4], basis[5]];
         for i in 0..6 {
             let wi = w * basis[i];
             rhs[i] += wi * residual;
@@ -237,8 +230,7 @@ fn solve_quadratic(du: &[f32], dv: &[f32], q: &[f32], fit: &[f32; 6], scale: f32
     }
     let matrix = Matrix6::from_fn(|i, j| f64::from(normal[i.min(j)][i.max(j)]));
     let step = matrix.cholesky()?.solve(&Vector6::from_fn(|i, _| f64::from(rhs[i])));
-    let units = [1.0, QUADRATIC_UNIT, QUADRATIC_UNIT, 1.0, 1.0, 1.0];
-    Some(std::array::from_fn(|i| fit[i] + step[i] as f32 * units[i]))
+    Some(std::array::from_fn(|i| fit[i] + step[i] as f32))
 }
 
 #[cfg(test)]

@@ -218,7 +218,7 @@ fn conflict(scorer: &Scorer, new: &Hypothesis, old: &Hypothesis, axis: Option<&V
         return Some(Rejection::Redundant);
     }
     let cosine = p.normal.dot(&q.normal).abs();
-    let contains = |plane: &Plane| axis.is_some_and(|a| plane.normal.dot(a).abs() < 0.2);
+    let contains = |plane: &Plane| axis.is_some_and(|a| plane.normal.dot(a).abs() < HOLDS);
     if contains(p) && contains(q) {
         // The axis implies them all; one is kept for what the body of revolution leaves out, a handle.
         return Some(Rejection::Redundant);
