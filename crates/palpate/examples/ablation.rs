@@ -5,6 +5,10 @@
 //! Prints the means over all scenes, and the change against the whole method: volumetric IoU, Chamfer mean in mm, and the scene that loses most.
 //! Shells (bowls and plates, whose volume says little) are told apart by `--shells NAME,…`: their distances alone count.
 
+#[path = "shared/counts.rs"]
+mod counts;
+
+use counts::touch_counts;
 use palpate::io::{SceneFile, read_mesh, read_scene};
 use palpate::metrics::{CompareParams, TruthReference};
 use palpate::pipeline::{ReconstructParams, Stages, reconstruct};
@@ -70,10 +74,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let mut args = std::env::args().skip(1);
     while let Some(arg) = args.next() {
         match arg.as_str() {
-            "--touches" => {
-                let list = args.next().ok_or("--touches needs a list")?;
-                counts = list.split(',').map(str::parse).collect::<Result<_, _>>()?;
-            }
+            "--touches" => counts = touch_counts(args.next())?,
             "--only" => only = args.next().ok_or("--only needs a word")?,
             "--shells" => shells = args.next().ok_or("--shells needs names")?.split(',').map(String::from).collect(),
             _ => folders.push(arg),

@@ -4,6 +4,10 @@
 //!
 //! The error of a hypothesis is the mean distance of the moved truth to the truth: right below 2.5 mm, bad from 4 mm on.
 
+#[path = "shared/counts.rs"]
+mod counts;
+
+use counts::touch_counts;
 use palpate::camera::{SegmentParams, segment_object};
 use palpate::evidence::{Evidence, EvidenceParams};
 use palpate::geometry::{Bvh, Point, TriangleMesh};
@@ -76,10 +80,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     while let Some(arg) = args.next() {
         match arg.as_str() {
             "--views" => views = args.next().ok_or("--views needs a number")?.parse()?,
-            "--touches" => {
-                let list = args.next().ok_or("--touches needs a list")?;
-                counts = list.split(',').map(str::parse).collect::<Result<_, _>>()?;
-            }
+            "--touches" => counts = touch_counts(args.next())?,
             "--verbose" => verbose = true,
             _ => files.push(arg),
         }

@@ -5,6 +5,10 @@
 //! For every run and for all together: Spearman's rank correlation of σ and |error|, share of errors in the 90 % interval (1.645 σ) and the
 //! factor by which σ is too small. `--csv` writes what σ was made of, every `--stride`-th vertex, for calibration.
 
+#[path = "shared/counts.rs"]
+mod counts;
+
+use counts::touch_counts;
 use palpate::geometry::Bvh;
 use palpate::io::{read_mesh, read_scene};
 use palpate::metrics::Calibration;
@@ -65,10 +69,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let mut args = std::env::args().skip(1);
     while let Some(arg) = args.next() {
         match arg.as_str() {
-            "--touches" => {
-                let list = args.next().ok_or("--touches needs a list")?;
-                counts = list.split(',').map(str::parse).collect::<Result<_, _>>()?;
-            }
+            "--touches" => counts = touch_counts(args.next())?,
             "--csv" => csv = Some(args.next().ok_or("--csv needs a file")?),
             "--stride" => stride = args.next().ok_or("--stride needs a number")?.parse()?,
             _ => folders.push(arg),
