@@ -2,7 +2,7 @@ use super::accept::{confidence, give_way, judge, resolve_conflicts};
 use super::axes::{normal_line_center, same_line, search_axes};
 use super::element::SymmetryElement;
 use super::params::SymmetryParams;
-use super::planes::{same, search_offsets, search_planes};
+use super::planes::{across_best, same, search_offsets, search_planes};
 use super::refine::{covariance, refine, refine_offset};
 use super::resting::resting_plane;
 use super::score::{Score, Scorer, Tolerances};
@@ -109,6 +109,7 @@ impl SymmetryEstimator for EvidenceSearch {
         let scorer = Scorer::new(evidence, &self.params);
         let candidates = search_planes(&scorer);
         let planes = refined_planes(&scorer, &candidates);
+        let planes = distinct_refined(&scorer, across_best(&scorer, &planes).into_iter().chain(planes).collect());
         let best: Vec<Plane> = planes.iter().take(5).map(|p| p.0).collect();
         let lines = search_axes(&scorer, &best);
         let mut axes: Vec<Hypothesis> = lines
@@ -172,13 +173,18 @@ fn usefulness(h: &Hypothesis) -> f64 {
 }
 
 fn refined_planes(scorer: &Scorer, candidates: &[Plane]) -> Vec<(Plane, Score)> {
-    let mut refined: Vec<(Plane, Score)> = candidates
+    let refined = candidates
         .par_iter()
         .filter_map(|plane| match refine(scorer, &SymmetryElement::Reflection(*plane)) {
             (SymmetryElement::Reflection(plane), score) => Some((plane, score)),
             _ => None,
         })
         .collect();
+    distinct_refined(scorer, refined)
+}
+
+/// Best first, without those that refinement brought to the same place.
+fn distinct_refined(scorer: &Scorer, mut refined: Vec<(Plane, Score)>) -> Vec<(Plane, Score)> {
     refined.sort_by(|a, b| b.1.value().total_cmp(&a.1.value()));
     let mut kept: Vec<(Plane, Score)> = Vec::new();
     for r in refined {

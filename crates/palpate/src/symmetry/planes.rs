@@ -1,5 +1,6 @@
 use super::element::SymmetryElement;
-use super::score::{Scorer, Tolerances};
+use super::refine::refine_near;
+use super::score::{Score, Scorer, Tolerances};
 use crate::geometry::{Plane, Point, Vector};
 use rayon::prelude::*;
 
@@ -8,6 +9,11 @@ const SAME_COSINE: f64 = 0.96;
 const SAME_OFFSET: f64 = 0.012;
 /// A candidate whose partial score falls below this is given up.
 const FLOOR: f64 = -0.12;
+
+/// A plane is upright whose normal has a smaller cosine with "up" than this.
+const UPRIGHT: f64 = 0.85;
+/// How far a plane across the best one may be from perpendicular to it, radians: what the best one itself may be off.
+const TURN: f64 = 0.07;
 
 /// The best distinct planes of a search over directions and offsets, best first.
 pub(super) fn search_planes(scorer: &Scorer) -> Vec<Plane> {
@@ -50,6 +56,26 @@ pub(super) fn search_offsets(scorer: &Scorer, normal: &Vector) -> Option<Plane> 
     scored.max_by(|a, b| a.0.total_cmp(&b.0)).filter(|best| best.0 > 0.0).map(|best| best.1)
 }
 
+/// Upright planes about perpendicular to the best found one, refined with the fine tolerances alone: what stands and has one upright plane of
+/// symmetry often has the other.
+///
+/// The search may miss it. The side that faces the camera gives such a plane little support, so that a wrong one up to 15° beside it may score
+/// higher; of the two the search keeps that, and refinement with wide tolerances goes there.
+pub(super) fn across_best(scorer: &Scorer, found: &[(Plane, Score)]) -> Vec<(Plane, Score)> {
+    let up = scorer.evidence.up();
+    let best = found.first().map(|(plane, _)| plane.normal.into_inner());
+    let Some(along) = best.filter(|n| n.dot(&up).abs() < UPRIGHT) else { return Vec::new() };
+    let across = up.cross(&along).normalize();
+    let near = |turn: f64| {
+        let plane = search_offsets(scorer, &(across * turn.cos() + up.cross(&across) * turn.sin()))?;
+        match refine_near(scorer, &SymmetryElement::Reflection(plane)) {
+            (SymmetryElement::Reflection(plane), score) => Some((plane, score)),
+            _ => None,
+        }
+    };
+    [-TURN, 0.0, TURN].into_par_iter().filter_map(near).collect()
+}
+
 /// The first `count` planes that differ from all before them.
 pub(super) fn distinct(planes: &[Plane], at: &Point, count: usize, cosine: f64, offset: f64) -> Vec<Plane> {
     let mut kept: Vec<Plane> = Vec::new();
@@ -90,6 +116,9 @@ fn directions(up: &Vector, count: usize, horizontal: usize) -> Vec<Vector> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::evidence::testing::{Solid, view};
+    use crate::evidence::{Evidence, EvidenceParams};
+    use crate::symmetry::SymmetryParams;
 
     #[test]
     fn directions_cover_the_half_sphere() {
@@ -102,6 +131,27 @@ mod tests {
             let best = all.iter().map(|d| d.dot(&query).abs()).fold(0.0, f64::max);
             assert!(best > 12.0_f64.to_radians().cos(), "{query} is {} from the nearest", best.acos().to_degrees());
         }
+    }
+
+    #[test]
+    fn across_a_plane_that_is_three_degrees_off_the_other_is_found() {
+        let (center, yaw) = (Point::new(0.01, -0.005, 0.04), 0.4_f64);
+        let solid = Solid::Box(center, Vector::new(0.05, 0.02, 0.04), yaw);
+        let (frame, visible) = view(&[solid], 0.0);
+        let evidence = Evidence::gather(&frame, &visible, &[], &EvidenceParams::default()).expect("the box is seen");
+        let params = SymmetryParams::default();
+        let scorer = Scorer::new(&evidence, &params);
+        let (off, side) = (yaw + 3_f64.to_radians(), Vector::new(-yaw.sin(), yaw.cos(), 0.0));
+        let best = Plane::new(Vector::new(off.cos(), off.sin(), 0.0), &center).expect("a direction");
+        let found = across_best(&scorer, &[(best, Score::default())]);
+        let (plane, _) = found.iter().max_by(|a, b| a.1.value().total_cmp(&b.1.value())).expect("a plane across");
+        let angle = plane.normal.dot(&side).abs().min(1.0).acos().to_degrees();
+        // What sticks out of the silhouette by less than the violation tolerance is not seen to.
+        let miss = plane.signed_distance(&center).abs();
+        assert!(angle < 0.6 && miss < params.violation_tolerance, "{angle}°, {miss} m");
+        assert!(
+            across_best(&scorer, &[(Plane::new(Vector::z(), &center).expect("a direction"), found[0].1)]).is_empty()
+        );
     }
 
     #[test]

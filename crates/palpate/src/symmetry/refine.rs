@@ -57,14 +57,24 @@ fn units(scorer: &Scorer, element: &SymmetryElement) -> Vec<f64> {
 /// Climbs the score by a pattern search: a step up or down in each parameter, halved when none helps.
 pub(super) fn refine(scorer: &Scorer, start: &SymmetryElement) -> (SymmetryElement, Score) {
     let params = scorer.params;
-    let axes: Vec<[f64; 4]> = units(scorer, start)
-        .iter()
-        .enumerate()
-        .map(|(i, unit)| std::array::from_fn(|k| if k == i { *unit } else { 0.0 }))
-        .collect();
+    let axes = axes(scorer, start);
     let coarse = climb(scorer, start, &Tolerances::coarse(params), params.search_samples, [STEPS[0], STEPS[1]], &axes);
     let fine = climb(scorer, &coarse, &Tolerances::fine(params), params.refine_samples, [STEPS[1], STEPS[2]], &axes);
     (fine, scorer.score(&fine, &Tolerances::fine(params), params.refine_samples))
+}
+
+/// The same with the fine tolerances alone: for a start that is known to a few degrees.
+pub(super) fn refine_near(scorer: &Scorer, start: &SymmetryElement) -> (SymmetryElement, Score) {
+    let params = scorer.params;
+    let fine = Tolerances::fine(params);
+    let best = climb(scorer, start, &fine, params.refine_samples, [STEPS[1], STEPS[2]], &axes(scorer, start));
+    (best, scorer.score(&best, &fine, params.refine_samples))
+}
+
+/// A step in each parameter alone, for a step of one radian.
+fn axes(scorer: &Scorer, element: &SymmetryElement) -> Vec<[f64; 4]> {
+    let one = |(i, unit): (usize, &f64)| std::array::from_fn(|k| if k == i { *unit } else { 0.0 });
+    units(scorer, element).iter().enumerate().map(one).collect()
 }
 
 /// The best plane near `start` that is perpendicular to one or two directions.
