@@ -1,5 +1,4 @@
-use super::{KdTree, Point};
-use rayon::prelude::*;
+use super::{Point, map_nearest};
 use std::collections::HashMap;
 
 /// Disjoint sets of 0..n with path halving; the smallest member represents a set, so results do not depend on the order of unions.
@@ -107,14 +106,9 @@ pub fn cluster_sizes(labels: &[u32]) -> Vec<usize> {
 /// # References
 /// Rusu et al., *Towards 3D point cloud based object maps for household environments*, RAS 56(11), 2008, §4.1.
 pub fn statistical_outliers(points: &[Point], neighbours: usize, ratio: f64) -> Vec<bool> {
-    let tree = KdTree::new(points);
-    let mean_distance: Vec<f64> = points
-        .par_iter()
-        .map(|p| {
-            let found = tree.nearest_n(p, neighbours + 1);
-            found.iter().map(|f| f.1).sum::<f64>() / found.len().saturating_sub(1).max(1) as f64
-        })
-        .collect();
+    let mean_distance = map_nearest(points, neighbours + 1, |_, found| {
+        found.iter().map(|f| f.0.sqrt()).sum::<f64>() / found.len().saturating_sub(1).max(1) as f64
+    });
     let limit = outlier_limit(&mean_distance, ratio);
     mean_distance.iter().map(|&d| d > limit).collect()
 }

@@ -8,21 +8,16 @@ const AGREEING_NORMAL_LENGTH: f64 = 0.5;
 /// Normals are averaged only where they agree (mean longer than 0.5). Elsewhere – the two faces of a thin wall in one
 /// cell – one point is kept per octant of the normal, so that neither face disappears.
 pub fn voxel_average(cloud: &PointCloud, cell: f64) -> PointCloud {
-    let mut order: Vec<([i64; 3], usize)> = cloud
-        .points
-        .iter()
-        .enumerate()
-        .filter(|(_, p)| p.iter().all(|c| c.is_finite()))
-        .map(|(i, p)| ([0, 1, 2].map(|axis| (p[axis] / cell).floor() as i64), i))
-        .collect();
-    order.sort_unstable();
+    let order = by_cell(&cloud.points, cell);
+    let mut members: Vec<usize> = Vec::new();
     let mut out = PointCloud {
         points: Vec::new(),
         normals: cloud.normals.as_ref().map(|_| Vec::new()),
         colors: cloud.colors.as_ref().map(|_| Vec::new()),
     };
     for group in order.chunk_by(|a, b| a.0 == b.0) {
-        let members: Vec<usize> = group.iter().map(|(_, i)| *i).collect();
+        members.clear();
+        members.extend(group.iter().map(|(_, i)| *i as usize));
         match &cloud.normals {
             Some(normals) if mean_normal(normals, &members).norm() <= AGREEING_NORMAL_LENGTH => {
                 for octant in 0..8 {
@@ -35,6 +30,33 @@ pub fn voxel_average(cloud: &PointCloud, cell: f64) -> PointCloud {
         }
     }
     out
+}
+
+/// Number of each finite point's cell, in the lexicographic order of cells, and the point; sorted. O(n log n).
+fn by_cell(points: &[Point], cell: f64) -> Vec<(u64, u32)> {
+    /// Bits of a coordinate, three of which make a key.
+    const BITS: u32 = 21;
+    let finite = || (0_u32..).zip(points).filter(|(_, p)| p.iter().all(|c| c.is_finite()));
+    let at = |p: &Point| [0, 1, 2].map(|axis| (p[axis] / cell).floor() as i64);
+    let low = finite().fold([i64::MAX; 3], |low, (_, p)| {
+        let at = at(p);
+        [0, 1, 2].map(|k| low[k].min(at[k]))
+    });
+    let key = |p: &Point| {
+        let at = at(p);
+        let [x, y, z] = [0, 1, 2].map(|k| at[k].wrapping_sub(low[k]) as u64);
+        ((x | y | z) >> BITS == 0).then_some(x << (2 * BITS) | y << BITS | z)
+    };
+    let keys: Option<Vec<(u64, u32)>> = finite().map(|(i, p)| Some((key(p)?, i))).collect();
+    let Some(mut order) = keys else {
+        // Too many cells for a key: number those that hold points.
+        let mut cells: Vec<([i64; 3], u32)> = finite().map(|(i, p)| (at(p), i)).collect();
+        cells.sort_unstable();
+        let groups = cells.chunk_by(|a, b| a.0 == b.0);
+        return groups.zip(0..).flat_map(|(group, number)| group.iter().map(move |c| (number, c.1))).collect();
+    };
+    order.sort_unstable();
+    order
 }
 
 fn mean_normal(normals: &[Vector], members: &[usize]) -> Vector {
@@ -86,6 +108,15 @@ mod tests {
         let mut heights: Vec<f64> = down.points.iter().map(|p| p.z).collect();
         heights.sort_by(f64::total_cmp);
         assert!((heights[0] - 0.4).abs() < 1e-12 && (heights[1] - 0.6).abs() < 1e-12 && heights.len() == 2);
+    }
+
+    #[test]
+    fn cells_far_apart_come_in_order_too() {
+        let points = vec![Point::new(1e9, 0.0, 0.0), Point::new(-1e9, 0.1, 0.0), Point::new(-1e9, 0.3, 0.0)];
+        let cloud = PointCloud { points, normals: None, colors: None };
+        let places: Vec<f64> = voxel_average(&cloud, 1e-3).points.iter().map(|p| p.x + p.y).collect();
+        assert_eq!(places, [-1e9 + 0.1, -1e9 + 0.3, 1e9]);
+        assert_eq!(voxel_average(&cloud, 1.0).len(), 2);
     }
 
     #[test]

@@ -5,6 +5,7 @@
 //! lattice edges share at most one face, so a segment is used by exactly those two cells. Diagonals that triangulate a cell's loops never join two
 //! edges of one face, hence belong to one cell only. The four cells round a lattice edge each contribute one loop, in one ring: no pinched vertex.
 
+use super::isosurface_cells::complete_mesh;
 use crate::geometry::{Point, TriangleMesh};
 use rayon::prelude::*;
 use std::collections::{HashMap, VecDeque};
@@ -33,7 +34,7 @@ pub const LATTICE_LIMIT: i32 = 1 << 19;
 pub fn extract_isosurface(
     cells: &[[i32; 3]],
     value: impl Fn([i32; 3]) -> f64 + Sync,
-    position: impl Fn([i32; 3]) -> Point,
+    position: impl Fn([i32; 3]) -> Point + Sync,
 ) -> TriangleMesh {
     let mut crossed: Vec<([i32; 3], u8)> = cells
         .par_iter()
@@ -44,12 +45,29 @@ pub fn extract_isosurface(
         .collect();
     crossed.par_sort_unstable_by_key(|&([x, y, z], _)| (z, y, x));
     crossed.dedup();
+    mesh_of(&crossed, value, position)
+}
 
+/// The mesh of distinct cells that the surface enters, by z, y and x, with their sign patterns; see [`extract_isosurface`].
+pub(super) fn mesh_of(
+    crossed: &[([i32; 3], u8)],
+    value: impl Fn([i32; 3]) -> f64 + Sync,
+    position: impl Fn([i32; 3]) -> Point + Sync,
+) -> TriangleMesh {
+    complete_mesh(crossed, &value, &position).unwrap_or_else(|| mesh_of_some(crossed, value, position))
+}
+
+/// [`mesh_of`] where cells that the surface enters may be missing.
+fn mesh_of_some(
+    crossed: &[([i32; 3], u8)],
+    value: impl Fn([i32; 3]) -> f64 + Sync,
+    position: impl Fn([i32; 3]) -> Point,
+) -> TriangleMesh {
     let mut vertices = Vec::with_capacity(crossed.len() * 5 / 4);
     let mut faces = Vec::with_capacity(crossed.len() * 5 / 2);
     let mut on_edge: HashMap<u64, u32, BuildHasherDefault<KeyHasher>> = HashMap::default();
     on_edge.reserve(crossed.len() * 5 / 4);
-    for &(cell, case) in &crossed {
+    for &(cell, case) in crossed {
         for face_loop in &CASES[case as usize] {
             let mut ids = [0_u32; 12];
             for (id, &edge) in ids.iter_mut().zip(&face_loop.edges) {
@@ -103,7 +121,7 @@ pub fn crossing_cells(seeds: &[[i32; 3]], size: i32, value: impl Fn([i32; 3]) ->
 }
 
 /// Bits of the four corners on the low and the high side of each axis.
-const FACE_MASKS: [[u8; 2]; 3] = [[0x55, 0xAA], [0x33, 0xCC], [0x0F, 0xF0]];
+pub(super) const FACE_MASKS: [[u8; 2]; 3] = [[0x55, 0xAA], [0x33, 0xCC], [0x0F, 0xF0]];
 
 /// One closed loop of a cell: the edges it crosses in order, and its triangles as positions in that list.
 #[derive(Debug)]
@@ -221,13 +239,13 @@ fn corner_of(cell: [i32; 3], corner: u8) -> [i32; 3] {
 }
 
 #[inline]
-fn cell_case(cell: [i32; 3], value: &impl Fn([i32; 3]) -> f64) -> u8 {
+pub(super) fn cell_case(cell: [i32; 3], value: &impl Fn([i32; 3]) -> f64) -> u8 {
     (0..8).fold(0, |case, c| case | (u8::from(value(corner_of(cell, c)) < 0.0) << c))
 }
 
 /// A lattice corner in 60 bits.
 #[inline]
-fn pack(corner: [i32; 3]) -> u64 {
+pub(super) fn pack(corner: [i32; 3]) -> u64 {
     debug_assert!(corner.iter().all(|c| (-LATTICE_LIMIT..LATTICE_LIMIT).contains(c)));
     corner.iter().fold(0, |key, &c| (key << 20) | (c + LATTICE_LIMIT) as u64)
 }
@@ -330,6 +348,14 @@ mod tests {
             let mesh = extract_isosurface(&all_cells(13), value, at);
             assert!(mesh.faces.len() > 2000);
             assert_closed_manifold(&mesh);
+            let crossed: Vec<([i32; 3], u8)> = all_cells(13)
+                .into_iter()
+                .map(|c| (c, cell_case(c, &value)))
+                .filter(|c| c.1 != 0 && c.1 != 255)
+                .collect();
+            assert_eq!(complete_mesh(&crossed, &value, &at).as_ref(), Some(&mesh));
+            assert_eq!(mesh_of_some(&crossed, value, at), mesh);
+            assert!(complete_mesh(&crossed[1..], &value, &at).is_none());
         }
     }
 

@@ -5,6 +5,7 @@ mod error;
 mod hole_filling;
 mod implicit;
 mod isosurface;
+mod isosurface_cells;
 mod isosurface_grid;
 mod poisson;
 #[cfg(test)]

@@ -20,7 +20,7 @@ struct Entry {
 impl Grid {
     /// Sorts the points into cells, O(n).
     pub(super) fn new(points: &[Point], cell_size: f64) -> Self {
-        let buckets = points.len().next_power_of_two();
+        let buckets = points.len().next_power_of_two().max(BLOCK);
         let cells: Vec<[i32; 3]> = points.iter().map(|p| cell_of(p, cell_size)).collect();
         let mut starts = vec![0_u32; buckets + 1];
         for &cell in &cells {
@@ -62,12 +62,13 @@ impl Grid {
 }
 
 impl Grid {
-    /// What `f` makes of each point (its index and place) and all points in its cell and the 26 cells round it, itself included, with what `with` holds for
-    /// them; in the order of the points. Points of a cell share the search.
+    /// What `f` makes of each point (its index and place) and what `with` holds for all points of another grid, of equal cells, in its cell and the 26 cells
+    /// round it; in the order of the points. Points of a cell share the search.
     pub(super) fn map_near<W: Copy + Sync, T: Copy + Send>(
         &self,
+        others: &Self,
         with: &[W],
-        f: impl Fn(usize, &Point, &[(Point, W)]) -> T + Sync,
+        f: impl Fn(usize, &Point, &[W]) -> T + Sync,
     ) -> Vec<T> {
         let visit = |part: &[Entry]| {
             let (mut near, mut near_to) = (Vec::new(), None);
@@ -75,7 +76,7 @@ impl Grid {
             for e in part {
                 if near_to != Some(e.cell) {
                     near.clear();
-                    self.each_around(e.cell, |n| near.push((n.point, with[n.index as usize])));
+                    others.each_around(e.cell, |n| near.push(with[n.index as usize]));
                     near_to = Some(e.cell);
                 }
                 made.push((e.index, f(e.index as usize, &e.point, &near)));
@@ -103,9 +104,14 @@ fn cell_of(p: &Point, cell_size: f64) -> [i32; 3] {
     [0, 1, 2].map(|i| (p[i] / cell_size).floor() as i32)
 }
 
+/// Cells of a block of 4 × 4 × 4, which are neighbours in memory too.
+const BLOCK: usize = 64;
+
 fn bucket(cell: [i32; 3], buckets: usize) -> usize {
-    let mix = |h: u64, c: i32| (h ^ c as u32 as u64).wrapping_mul(0x9E37_79B9_7F4A_7C15).rotate_left(29);
-    (cell.into_iter().fold(0x2545_F491_4F6C_DD1D, mix) >> 20) as usize & (buckets - 1)
+    let mix = |h: u64, c: i32| (h ^ (c >> 2) as u32 as u64).wrapping_mul(0x9E37_79B9_7F4A_7C15).rotate_left(29);
+    let block = (cell.into_iter().fold(0x2545_F491_4F6C_DD1D, mix) >> 20) as usize * BLOCK;
+    let [x, y, z] = cell.map(|c| (c & 3) as usize);
+    (block | z << 4 | y << 2 | x) & (buckets - 1)
 }
 
 #[cfg(test)]

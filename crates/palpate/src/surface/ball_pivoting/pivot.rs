@@ -7,7 +7,6 @@ use crate::geometry::{Aabb, KdTree, Point, PointCloud, TriangleMesh, Vector, dro
 use crate::surface::poisson::octree_order;
 use crate::surface::{SurfaceError, fill_holes};
 use std::collections::VecDeque;
-use std::f64::consts::TAU;
 
 /// Multiples of the median spacing that serve as radii where none are given.
 const DEFAULT_RADII: [f64; 4] = [1.5, 2.5, 4.0, 6.0];
@@ -60,10 +59,13 @@ pub fn ball_pivoting(cloud: &PointCloud, params: &BallPivotingParams) -> Result<
     let mut front = Front::new(kept.len());
     let tree = KdTree::new(&points);
     for &radius in &radii {
-        // Surrounded points can only be in a ball's way, and for that the tree is asked.
+        // Surrounded points can only be in a ball's way.
         let active: Vec<u32> = (0..points.len() as u32).filter(|&v| !front.is_inner(v)).collect();
-        let grid = Grid::new(&active.iter().map(|&v| points[v as usize]).collect::<Vec<_>>(), 2.0 * radius);
-        Ball { radius, points: &points, normals: &normals, tree: &tree, active, grid }.roll(&mut front);
+        let all = Grid::new(&points, 2.0 * radius);
+        let some = (active.len() < points.len())
+            .then(|| Grid::new(&active.iter().map(|&v| points[v as usize]).collect::<Vec<_>>(), 2.0 * radius));
+        let grid = some.as_ref().unwrap_or(&all);
+        Ball { radius, points: &points, normals: &normals, tree: &tree, active, grid, all: &all }.roll(&mut front);
     }
     if front.faces.is_empty() {
         let reason = format!("no ball of radius {radii:?} m rests on three of them");
@@ -107,7 +109,9 @@ struct Ball<'a> {
     /// Points that were not surrounded by faces when this radius started.
     active: Vec<u32>,
     /// Finds members of `active`.
-    grid: Grid,
+    grid: &'a Grid,
+    /// Finds all points.
+    all: &'a Grid,
 }
 
 impl Ball<'_> {
@@ -159,25 +163,37 @@ impl Ball<'_> {
         let (pa, pb) = (self.points[a as usize], self.points[b as usize]);
         let middle = nalgebra::center(&pa, &pb);
         let axis = (pb - pa).try_normalize(0.0)?;
+        // The ball's centre turns on a circle: in the plane across the edge, from `start` towards `side`.
         let start = center - middle;
+        let arm = start.norm();
+        let start = start / arm;
         let side = axis.cross(&start);
-        let mut best: Option<(f64, u32, Point)> = None;
-        self.grid.within(&middle, 2.0 * self.radius, |found, _, _| {
+        let lead = arm * arm - self.radius * self.radius;
+        let mut best: Option<(f64, u32)> = None;
+        self.grid.within(&middle, 2.0 * self.radius, |found, place, squared| {
             let x = self.active[found as usize];
-            if x == a || x == b || x == c {
+            let to = place - middle;
+            let (along, across) = (to.dot(&start), to.dot(&side));
+            // The point is met where its distance along the arm is this.
+            let met = (squared + lead) / (2.0 * arm);
+            let in_plane = along * along + across * across;
+            let beside = in_plane - met * met;
+            if beside < 0.0 || x == a || x == b || x == c {
                 return true;
             }
-            if let Some(rest) = self.center([b, a, x]) {
-                let turned = rest - middle;
-                let angle = turned.dot(&side).atan2(turned.dot(&start)).rem_euclid(TAU);
-                if best.is_none_or(|(least, y, _)| angle < least || (angle == least && x < y)) {
-                    best = Some((angle, x, rest));
-                }
+            let beside = beside.sqrt();
+            let (cosine, sine) =
+                ((along * met + across * beside) / in_plane, (across * met - along * beside) / in_plane);
+            // Grows with the angle, a turn being 4.
+            let turned = if sine >= 0.0 { 1.0 - cosine } else { 3.0 + cosine };
+            if best.map_or(turned >= 0.0, |(least, y)| turned < least || (turned == least && x < y)) {
+                best = Some((turned, x));
             }
             true
         });
-        let (_, x, rest) = best?;
+        let (_, x) = best?;
         let corners = [b, a, x];
+        let rest = self.center(corners)?;
         let agrees = self.face_normal(corners).dot(&self.normals[x as usize]) > 0.0;
         (agrees && self.is_empty(&rest)).then_some((x, rest))
     }
@@ -233,7 +249,12 @@ impl Ball<'_> {
 
     /// The corners themselves lie on the ball, not in it.
     fn is_empty(&self, center: &Point) -> bool {
-        self.tree.nearest(center).is_none_or(|(_, distance)| distance >= self.radius * (1.0 - 1e-9))
+        let mut empty = true;
+        self.all.within(center, self.radius * (1.0 - 1e-9), |_, _, _| {
+            empty = false;
+            false
+        });
+        empty
     }
 }
 

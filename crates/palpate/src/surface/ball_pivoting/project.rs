@@ -1,8 +1,9 @@
 //! Points moved onto the surface of their neighbours before balls roll over them.
 
 use super::grid::Grid;
-use crate::geometry::{Point, Vector};
+use crate::geometry::{Aabb, Point, Vector};
 use crate::surface::poisson::noise_and_spacing;
+use rayon::prelude::*;
 
 /// Noise over spacing up to which balls manage by themselves …
 const QUIET: f64 = 0.08;
@@ -15,6 +16,9 @@ const WIDEST: f64 = 12.0;
 
 /// Gaussian radii within which neighbours count.
 const REACH: f64 = 2.0;
+
+/// Edge of the cells whose points are seen as one, in Gaussian radii: the weight hardly differs within.
+const GROUP: f64 = 0.5;
 
 /// Neighbours count if their normals agree to this cosine: across an edge or a thin wall there is another surface.
 const AGREEMENT: f64 = 0.7;
@@ -50,6 +54,9 @@ impl Quality {
 /// (q − p)·(n + m)/|n + m|, n and m being the normals: for two points of a smooth surface that is zero up to the third order of the distance, where the
 /// distance from the plane of q alone would draw curved surfaces inwards.
 ///
+/// Points of a small cell that face the same octant are weighed as one, which loses nothing of what they say: that is bilinear in their places and normals.
+/// O(n log n): the groups round a point are a few dozen, however many points they hold.
+///
 /// Kolluri, *Provably good moving least squares*, ACM Trans. Algorithms 4(2), 2008, with planes for neighbours.
 ///
 /// * `radius` – of the Gaussian, metres
@@ -58,24 +65,69 @@ pub(super) fn projected(points: &[Point], normals: &[Vector], radius: f64) -> (V
         return (points.to_vec(), normals.to_vec());
     }
     let reach = (REACH * radius).powi(2);
-    let moved = Grid::new(points, REACH * radius).map_near(normals, |i, p, near| {
+    let groups = grouped(points, normals, GROUP * radius);
+    let places: Vec<Point> = groups.iter().map(|g| g.place).collect();
+    let others = Grid::new(&places, REACH * radius);
+    let moved = Grid::new(points, REACH * radius).map_near(&others, &groups, |i, p, near| {
         let n = normals[i];
         let (mut mean, mut offset, mut total) = (Vector::zeros(), 0.0, 0.0);
-        for (q, m) in near {
-            let chord = q - p;
-            let (squared, cosine) = (chord.norm_squared(), n.dot(m));
+        for group in near {
+            let chord = group.place - p;
+            let (squared, cosine) = (chord.norm_squared(), n.dot(&group.normals) * group.per_length);
             if squared < reach && cosine > AGREEMENT {
-                let off = chord.dot(&(n + m)) / (2.0 + 2.0 * cosine).sqrt();
+                // Summed over the group's points.
+                let sum = chord.dot(&(n * group.count + group.normals)) + group.along;
+                let sum = sum / (2.0 + 2.0 * cosine).sqrt();
+                let off = sum / group.count;
                 let w = bell(squared - off * off, radius);
-                mean += m * w;
-                offset += w * off;
-                total += w;
+                mean += group.normals * w;
+                offset += w * sum;
+                total += w * group.count;
             }
         }
         let mean = mean.try_normalize(1e-9).unwrap_or(n);
         (p + mean * (offset / total.max(f64::MIN_POSITIVE)), mean)
     });
     moved.into_iter().unzip()
+}
+
+/// Points that are near each other and face the same way.
+#[derive(Clone, Copy)]
+struct Group {
+    /// Their mean.
+    place: Point,
+    count: f64,
+    /// Sum of their normals.
+    normals: Vector,
+    /// One over its length.
+    per_length: f64,
+    /// Σ (q − place) · m over the points and their normals.
+    along: f64,
+}
+
+/// The points by cells of the edge and octants of their normals, in a fixed order.
+fn grouped(points: &[Point], normals: &[Vector], edge: f64) -> Vec<Group> {
+    let Some(bounds) = Aabb::of(points) else { return Vec::new() };
+    // Twenty bits an axis.
+    let edge = edge.max(bounds.size().max() / f64::from(1 << 19));
+    let key = |i: usize| {
+        let cell = (points[i] - bounds.min) / edge;
+        let bits = |k: usize| (cell[k] as u64) << 1 | u64::from(normals[i][k] < 0.0);
+        bits(2) << 42 | bits(1) << 21 | bits(0)
+    };
+    let mut order: Vec<(u64, u32)> = (0..points.len()).into_par_iter().map(|i| (key(i), i as u32)).collect();
+    order.par_sort_unstable();
+    let members: Vec<&[(u64, u32)]> = order.chunk_by(|a, b| a.0 == b.0).collect();
+    let group = |members: &&[(u64, u32)]| {
+        let count = members.len() as f64;
+        let first = points[members[0].1 as usize];
+        let of = || members.iter().map(|&(_, i)| (points[i as usize], normals[i as usize]));
+        let place = first + of().map(|(q, _)| q - first).sum::<Vector>() / count;
+        let normals: Vector = of().map(|(_, m)| m).sum();
+        let along = of().map(|(q, m)| (q - place).dot(&m)).sum();
+        Group { place, count, normals, per_length: 1.0 / normals.norm(), along }
+    };
+    members.par_iter().with_min_len(256).map(group).collect()
 }
 
 /// (1 − d²/16r²)⁸: a Gaussian of radius r, to 0.04, for d up to 2 r. An exponential each would take a fifth of ball pivoting's time.

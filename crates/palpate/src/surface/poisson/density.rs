@@ -1,7 +1,8 @@
 //! How densely the surface is sampled: samples per unit area, read from splatted counts.
 
 use super::basis::{QUADRATIC_SELF, quadratic};
-use super::octree::{Cell, Lattice, Samples, cell_keys, grown, locate};
+use super::octree::{Cell, Lattice, Samples, add_by_slabs, locate};
+use super::spans::Spans;
 use rayon::prelude::*;
 use std::ops::Range;
 
@@ -12,7 +13,7 @@ const ENOUGH: f64 = 6.0;
 const COARSEST: u32 = 2;
 
 /// Cells that are splatted before their sums are added up, and places that are read in one go.
-const BATCH: usize = 4096;
+const BATCH: usize = 8192;
 
 /// Counts and weights splatted at several depths with quadratic B-splines, which see a plane nearly alike at every tilt and offset. A depth is splatted
 /// when a reading first asks for it.
@@ -26,8 +27,8 @@ pub(super) struct Density<'a> {
 struct Splat {
     depth: u32,
     cells: Lattice,
-    count: Vec<f64>,
-    weight: Vec<f64>,
+    /// Count and weight in each cell.
+    sums: Vec<(f64, f64)>,
 }
 
 /// Density at a place, per area in units of the unit cube.
@@ -80,19 +81,19 @@ impl Splat {
     fn new(samples: &Samples, depth: u32) -> Self {
         let last = (1_i16 << depth) - 1;
         let used = samples.cells(depth);
-        let cells = Lattice::new(depth, &grown(cell_keys(used.iter().map(|c| c.0)), 0..=last));
-        let (mut count, mut weight) = (vec![0.0; cells.len()], vec![0.0; cells.len()]);
-        // Whole batches in parallel, so that memory stays small; added up in the order of the cells.
+        let cells = Lattice::new(depth, &Spans::of(last + 1, used.iter().map(|c| c.0)).grown(&(-1..=1), &(0..=last)));
+        let mut sums = vec![(0.0, 0.0); cells.len()];
+        // In batches, so that memory stays small.
         for batch in used.chunks(BATCH) {
-            let sums: Vec<Around> = batch.par_iter().with_min_len(64).map(|(_, r)| summed(samples, depth, r)).collect();
-            for ((cell, _), sum) in batch.iter().zip(&sums) {
-                for_around(&cells, *cell, |i, k| {
-                    count[i] += sum[k].0;
-                    weight[i] += sum[k].1;
+            let left: Vec<Around> = batch.par_iter().with_min_len(64).map(|(_, r)| summed(samples, depth, r)).collect();
+            add_by_slabs(&cells, batch, &(-1..=1), &mut sums, |slab, start, step, cell| {
+                for_plane(&cells, batch[cell].0, step, |i, k| {
+                    let (sum, add) = (&mut slab[i - start], left[cell][k]);
+                    *sum = (sum.0 + add.0, sum.1 + add.1);
                 });
-            }
+            });
         }
-        Self { depth, cells, count, weight }
+        Self { depth, cells, sums }
     }
 
     /// Counts and weights at the chosen places. Neighbours in the list often share a cell, which is then looked up once.
@@ -113,7 +114,7 @@ impl Splat {
     /// Counts and weights of the 27 cells round one.
     fn around(&self, cell: Cell) -> Around {
         let mut around = [(0.0, 0.0); 27];
-        for_around(&self.cells, cell, |i, k| around[k] = (self.count[i], self.weight[i]));
+        (-1..=1).for_each(|dz| for_plane(&self.cells, cell, dz, |i, k| around[k] = self.sums[i]));
         around
     }
 
@@ -145,11 +146,11 @@ fn kernel(inside: [f64; 3]) -> [f64; 27] {
     std::array::from_fn(|k| x[k % 3] * y[k / 3 % 3] * z[k / 9])
 }
 
-/// Calls `f` with the index and the number, x fastest, of those of the 27 cells round one that are stored.
-fn for_around(cells: &Lattice, cell: Cell, mut f: impl FnMut(usize, usize)) {
-    for step in 0..9_i16 {
+/// Calls `f` with the index and the number, x fastest, of those of the 27 cells round one that are stored and `dz` away in z.
+fn for_plane(cells: &Lattice, cell: Cell, dz: i16, mut f: impl FnMut(usize, usize)) {
+    for step in 3 * dz + 3..3 * dz + 6 {
         // There are rows just outside the domain, and they are empty.
-        let row = cells.row(cell[1] + step % 3 - 1, cell[2] + step / 3 - 1);
+        let row = cells.row(cell[1] + step % 3 - 1, cell[2] + dz);
         let first = row.start + cells.nodes[row.clone()].partition_point(|n| n[0] < cell[0] - 1);
         for (i, node) in cells.nodes[first..row.end].iter().enumerate().take_while(|(_, n)| n[0] <= cell[0] + 1) {
             f(first + i, (3 * step + node[0] - cell[0] + 1) as usize);

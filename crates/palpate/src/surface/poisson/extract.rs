@@ -1,10 +1,11 @@
 //! The isosurface of the solution on the finest lattice, near the samples.
 
 use super::basis::hats;
+use super::crossings::entered_cells;
 use super::octree::{Cell, Samples, corner, locate};
 use super::system::{Level, Weighted};
 use crate::geometry::{Point, TriangleMesh, Vector};
-use crate::surface::isosurface::{crossing_cells, extract_isosurface};
+use crate::surface::isosurface::mesh_of;
 use rayon::prelude::*;
 use std::ops::Range;
 
@@ -107,13 +108,16 @@ impl Field {
     /// The closed surface at the isovalue, of the components that pass near a sample. The domain's border counts as outside.
     pub(super) fn extract(&self, samples: &Samples, at: &Isovalue, origin: Point, edge: f64) -> TriangleMesh {
         let size = 1_i32 << self.depth();
-        let value = |c: [i32; 3]| {
-            if c.iter().any(|&i| i <= 0 || i >= size) { 1.0 } else { at.value - self.at_node(c.map(|i| i as i16)) }
-        };
+        let Some(finest) = self.levels.last() else { return TriangleMesh::default() };
+        let outside = |c: [i32; 3]| c.iter().any(|&i| i <= 0 || i >= size);
+        let value = |c: [i32; 3]| if outside(c) { 1.0 } else { at.value - self.at_node(c.map(|i| i as i16)) };
         let step = edge / f64::from(size);
         let position = |c: [i32; 3]| origin + Vector::new(c[0].into(), c[1].into(), c[2].into()) * step;
-        let cells = crossing_cells(&self.seeds(samples, at), size, value);
-        extract_isosurface(&cells, value, position)
+        let inside: Vec<bool> = (finest.lattice.nodes.par_iter().zip(&finest.values))
+            .map(|(n, v)| !outside(n.map(i32::from)) && at.value - f64::from(*v) < 0.0)
+            .collect();
+        let cells = entered_cells(&finest.lattice, &inside, &self.seeds(samples, at), value);
+        mesh_of(&cells, value, position)
     }
 
     /// Cells of the finest lattice that the surface enters: from each sample along its normal, out if it is inside and in if it is outside.

@@ -5,6 +5,7 @@
 //! makes it closed and manifold without any care for cells of different size: the function is single-valued and continuous everywhere.
 
 mod basis;
+mod crossings;
 mod density;
 mod domain;
 mod extract;
@@ -15,6 +16,7 @@ mod params;
 mod runs;
 mod screening;
 mod solve;
+mod spans;
 mod system;
 
 pub(super) use domain::{noise_and_spacing, wanted_cell};
@@ -159,6 +161,7 @@ fn solve_at<'a>(
         params.screening.unwrap_or_else(|| automatic_screening(domain.noise / domain.cell(depth), least_screening));
     let field = Field::new(solve::solve(&input, depth, |_| screening, params.boundary, solve::TOLERANCE));
     let isovalue = field.isovalue(&input);
+
     Solved { input, density, field, isovalue, depth, screening }
 }
 

@@ -1,6 +1,7 @@
 //! How far the samples lie off their surface, read from the samples themselves.
 
 use super::octree::Samples;
+use rayon::prelude::*;
 
 /// Samples after each in octree order that are compared with it.
 const PAIRS: usize = 4;
@@ -50,20 +51,20 @@ pub(super) fn deviation(samples: &Samples, spacing: f64) -> f64 {
 
 fn deviation_within(samples: &Samples, reach: f64, stride: usize) -> f64 {
     let step = (PAIRS * samples.len()).div_ceil(MOST_PAIRS);
-    let mut residuals = Vec::with_capacity(PAIRS * samples.len() / step);
-    for i in (0..samples.len()).step_by(step) {
+    let compared = |i: usize| {
         let (p, n) = (samples.position[i], samples.normal(i).map(f64::from));
-        for j in (1..=PAIRS).map(|k| i + k * stride).take_while(|&j| j < samples.len()) {
+        (1..=PAIRS).map(move |k| i + k * stride).take_while(|&j| j < samples.len()).filter_map(move |j| {
             let (q, m) = (samples.position[j], samples.normal(j).map(f64::from));
             let chord: [f64; 3] = std::array::from_fn(|k| q[k] - p[k]);
             let sum: [f64; 3] = std::array::from_fn(|k| n[k] + m[k]);
             let residual = dot(chord, sum) / dot(sum, sum).sqrt();
             let along = dot(chord, chord) - residual * residual;
-            if along > 0.0 && along < reach * reach && dot(n, m) > AGREEMENT {
-                residuals.push(residual.abs());
-            }
-        }
-    }
+            (along > 0.0 && along < reach * reach && dot(n, m) > AGREEMENT).then(|| residual.abs())
+        })
+    };
+    let looked_at = samples.len().div_ceil(step);
+    let mut residuals: Vec<f64> =
+        (0..looked_at).into_par_iter().with_min_len(1024).flat_map_iter(|i| compared(i * step)).collect();
     if residuals.is_empty() {
         return 0.0;
     }

@@ -3,9 +3,13 @@
 //! No tree of pointers: a depth is the sorted list of its lattice nodes with a table of where each row (y, z) begins. A node's row neighbours are then
 //! contiguous, so 9 indices name its 27 neighbours, and memory follows the surface (rows: 4 bytes · 4^depth, nodes: those near samples).
 
+use super::spans::{Spans, nodes_of};
 use crate::geometry::{Aabb, Point, Vector};
 use rayon::prelude::*;
 use std::ops::{Range, RangeInclusive};
+
+/// Least items that a thread takes on at a time where one is done in nanoseconds.
+const GRAIN: usize = 4096;
 
 /// Bits of an octree code along each axis.
 const CODE_BITS: u32 = 21;
@@ -19,6 +23,8 @@ pub(super) struct Samples {
     /// Relative trust, mean 1.
     pub(super) weight: Vec<f64>,
     code: Vec<u64>,
+    /// Cells of each depth that hold a sample.
+    occupied: [usize; CODE_BITS as usize + 1],
 }
 
 impl Samples {
@@ -37,10 +43,11 @@ impl Samples {
         let total: f64 = weights.map_or(chosen.len() as f64, |w| order.iter().map(|&(_, i)| w[i as usize]).sum());
         let mean = total / chosen.len().max(1) as f64;
         Self {
-            position: order.iter().map(|&(_, i)| unit(i)).collect(),
-            normals: order.iter().map(|&(_, i)| normals[i as usize].normalize().cast::<f32>().into()).collect(),
-            weight: order.iter().map(|&(_, i)| weights.map_or(1.0, |w| w[i as usize] / mean)).collect(),
-            code: order.iter().map(|&(c, _)| c).collect(),
+            position: order.par_iter().map(|&(_, i)| unit(i)).collect(),
+            normals: order.par_iter().map(|&(_, i)| normals[i as usize].normalize().cast::<f32>().into()).collect(),
+            weight: order.par_iter().map(|&(_, i)| weights.map_or(1.0, |w| w[i as usize] / mean)).collect(),
+            code: order.par_iter().map(|&(c, _)| c).collect(),
+            occupied: occupied(&order),
         }
     }
 
@@ -61,23 +68,34 @@ impl Samples {
 
     /// Octree cells of a depth that hold a sample.
     pub(super) fn occupied(&self, depth: u32) -> usize {
-        let cell = |c: u64| c >> (3 * (CODE_BITS - depth));
-        self.code.windows(2).filter(|w| cell(w[0]) != cell(w[1])).count() + usize::from(!self.code.is_empty())
+        self.occupied[depth as usize]
     }
 
     /// The occupied cells of a depth, in octree order, with the samples in each.
     pub(super) fn cells(&self, depth: u32) -> Vec<(Cell, Range<usize>)> {
         let cell = |i: usize| self.code[i] >> (3 * (CODE_BITS - depth));
-        let mut cells = Vec::new();
-        let mut start = 0;
-        for i in 1..=self.len() {
-            if i == self.len() || cell(i) != cell(start) {
-                cells.push((decode(cell(start)), start..i));
-                start = i;
-            }
-        }
-        cells
+        let begins = |i: &usize| *i == 0 || cell(*i) != cell(i - 1);
+        let starts: Vec<usize> = (0..self.len()).into_par_iter().with_min_len(GRAIN).filter(begins).collect();
+        let one = |k: usize| (decode(cell(starts[k])), starts[k]..starts.get(k + 1).copied().unwrap_or(self.len()));
+        (0..starts.len()).into_par_iter().with_min_len(GRAIN).map(one).collect()
     }
+}
+
+/// Cells of each depth that hold one of the sorted codes.
+fn occupied(sorted: &[(u64, u32)]) -> [usize; CODE_BITS as usize + 1] {
+    // Two neighbours lie in different cells from the depth on where their codes differ first.
+    let mut parted = [0; CODE_BITS as usize + 1];
+    for pair in sorted.windows(2) {
+        let differs = pair[0].0 ^ pair[1].0;
+        if differs != 0 {
+            parted[(CODE_BITS - differs.ilog2() / 3) as usize] += 1;
+        }
+    }
+    let mut count = usize::from(!sorted.is_empty());
+    parted.map(|p| {
+        count += p;
+        count
+    })
 }
 
 /// Indices of points in the order of an octree over their box: neighbours in space are mostly neighbours in the order.
@@ -119,8 +137,17 @@ fn spread(x: u64) -> u64 {
 }
 
 fn decode(code: u64) -> Cell {
-    let gather = |x: u64| (0..CODE_BITS).fold(0, |sum, bit| sum | ((x >> (3 * bit)) & 1) << bit);
     [gather(code) as i16, gather(code >> 1) as i16, gather(code >> 2) as i16]
+}
+
+/// Every third of the low 63 bits: undoes [`spread`].
+fn gather(x: u64) -> u64 {
+    let x = x & 0x1249_2492_4924_9249;
+    let x = (x | x >> 2) & 0x10C3_0C30_C30C_30C3;
+    let x = (x | x >> 4) & 0x100F_00F0_0F00_F00F;
+    let x = (x | x >> 8) & 0x001F_0000_FF00_00FF;
+    let x = (x | x >> 16) & 0x001F_0000_0000_FFFF;
+    (x | x >> 32) & 0x001F_FFFF
 }
 
 /// A set of nodes of a cubic lattice, sorted by (z, y, x).
@@ -134,19 +161,25 @@ pub(super) struct Lattice {
 }
 
 impl Lattice {
-    /// The lattice of the sorted, distinct keys.
-    pub(super) fn new(depth: u32, keys: &[u64]) -> Self {
+    /// The lattice of a set of nodes.
+    pub(super) fn new(depth: u32, set: &Spans) -> Self {
         let cells = 1_i16 << depth;
-        let side = Self::side_of(cells);
-        let nodes: Vec<Cell> = keys.par_iter().map(|&k| unpack(k)).collect();
-        let mut rows = vec![0_u32; side * side + 1];
-        for n in &nodes {
-            rows[(n[2] + 1) as usize * side + (n[1] + 1) as usize + 1] += 1;
+        let all = -1..=cells + 1;
+        let mut rows = Vec::with_capacity(Self::side_of(cells).pow(2) + 1);
+        rows.push(0);
+        let mut count = 0;
+        for (z, y) in all.clone().flat_map(|z| all.clone().map(move |y| (z, y))) {
+            count += set.row(y, z).iter().map(|&s| nodes_of(s).len() as u32).sum::<u32>();
+            rows.push(count);
         }
-        for r in 0..side * side {
-            rows[r + 1] += rows[r];
-        }
-        Self { cells, nodes, rows }
+        let mut lattice = Self { cells, nodes: Vec::new(), rows };
+        let mut nodes = vec![[0; 3]; count as usize];
+        lattice.slabs_mut(&mut nodes).into_par_iter().for_each(|(z, slab)| {
+            let along = |y: i16| set.row(y, z).iter().copied().flat_map(nodes_of).map(move |x| [x, y, z]);
+            slab.iter_mut().zip(all.clone().flat_map(along)).for_each(|(slot, node)| *slot = node);
+        });
+        lattice.nodes = nodes;
+        lattice
     }
 
     /// Rows along an axis, those just outside included.
@@ -208,89 +241,35 @@ impl Lattice {
     }
 }
 
+/// Adds to values at the nodes what cells leave there: in parallel over the slabs, but at each node in the order of the cells.
+///
+/// * `steps` – from a cell to the slabs that it adds to
+/// * `add(values of a slab, its first node, step, number of the cell)`
+pub(super) fn add_by_slabs<T: Send>(
+    lattice: &Lattice,
+    cells: &[(Cell, Range<usize>)],
+    steps: &RangeInclusive<i16>,
+    values: &mut [T],
+    add: impl Fn(&mut [T], usize, i16, usize) + Sync,
+) {
+    let mut by_slab: Vec<(i16, u32)> = cells.iter().enumerate().map(|(i, (cell, _))| (cell[2], i as u32)).collect();
+    by_slab.par_sort_unstable();
+    let of_slab = |z: i16| &by_slab[by_slab.partition_point(|c| c.0 < z)..by_slab.partition_point(|c| c.0 <= z)];
+    lattice.slabs_mut(values).into_par_iter().for_each(|(z, slab)| {
+        let reaching = |step: i16| of_slab(z - step).iter().map(move |&(_, i)| (i, step));
+        let mut order: Vec<(u32, i16)> = steps.clone().flat_map(reaching).collect();
+        order.sort_unstable();
+        let start = lattice.slab(z).start;
+        for (i, step) in order {
+            add(slab, start, step, i as usize);
+        }
+    });
+}
+
 /// Index of the corner with bits x, y, z among the rows of [`Lattice::corner_rows`].
 #[inline]
 pub(super) fn corner(rows: &[u32; 4], corner: usize) -> usize {
     rows[corner >> 1] as usize + (corner & 1)
-}
-
-const FIELD: u32 = 20;
-const MASK: u64 = (1 << FIELD) - 1;
-/// Added to coordinates in keys, which are unsigned.
-const BIAS: i16 = 1;
-
-#[inline]
-fn pack(node: Cell) -> u64 {
-    let [x, y, z] = node.map(|c| (c + BIAS) as u64);
-    z << (2 * FIELD) | y << FIELD | x
-}
-
-#[inline]
-fn unpack(key: u64) -> Cell {
-    [0, 1, 2].map(|axis| ((key >> (axis * FIELD)) & MASK) as i16 - BIAS)
-}
-
-/// Sorted keys of all nodes with coordinates in the range.
-pub(super) fn all_keys(range: RangeInclusive<i16>) -> Vec<u64> {
-    let (low, high) = (*range.start(), *range.end());
-    (low..=high).flat_map(|z| (low..=high).flat_map(move |y| (low..=high).map(move |x| pack([x, y, z])))).collect()
-}
-
-/// Sorted keys of the cells themselves.
-pub(super) fn cell_keys(cells: impl Iterator<Item = Cell>) -> Vec<u64> {
-    let mut keys: Vec<u64> = cells.map(pack).collect();
-    keys.par_sort_unstable();
-    keys.dedup();
-    keys
-}
-
-/// Sorted keys of the corners of the cells.
-pub(super) fn corner_keys(mut keys: Vec<u64>) -> Vec<u64> {
-    for axis in 0..3 {
-        keys = merged(&keys, axis, &[0, 1], &(i16::MIN..=i16::MAX));
-    }
-    keys
-}
-
-/// The set grown by one node in every direction (diagonals included), kept within the range of coordinates.
-pub(super) fn grown(mut keys: Vec<u64>, range: RangeInclusive<i16>) -> Vec<u64> {
-    for axis in 0..3 {
-        keys = merged(&keys, axis, &[-1, 0, 1], &range);
-    }
-    keys
-}
-
-/// Keys with every coordinate within the range.
-pub(super) fn within(keys: &[u64], range: &RangeInclusive<i16>) -> Vec<u64> {
-    keys.iter().copied().filter(|&k| unpack(k).iter().all(|c| range.contains(c))).collect()
-}
-
-/// The union of copies of the set moved by each of the steps along an axis, where the moved coordinate stays within the range.
-fn merged(keys: &[u64], axis: u32, steps: &[i64], range: &RangeInclusive<i16>) -> Vec<u64> {
-    let at = |k: u64| ((k >> (axis * FIELD)) & MASK) as i64 - i64::from(BIAS);
-    let (low, high) = (i64::from(*range.start()), i64::from(*range.end()));
-    let moved = |k: u64, step: i64| k.wrapping_add_signed(step << (axis * FIELD));
-    // A moved copy is sorted as the set is: merge by the smallest head.
-    let mut heads = vec![0; steps.len()];
-    let mut out: Vec<u64> = Vec::with_capacity(keys.len() * 3 / 2);
-    loop {
-        let mut least = u64::MAX;
-        for (head, &step) in heads.iter_mut().zip(steps) {
-            while *head < keys.len() && !(low..=high).contains(&(at(keys[*head]) + step)) {
-                *head += 1;
-            }
-            if let Some(&k) = keys.get(*head) {
-                least = least.min(moved(k, step));
-            }
-        }
-        if least == u64::MAX {
-            return out;
-        }
-        for (head, &step) in heads.iter_mut().zip(steps) {
-            *head += usize::from(keys.get(*head).is_some_and(|&k| moved(k, step) == least));
-        }
-        out.push(least);
-    }
 }
 
 #[cfg(test)]
@@ -309,18 +288,8 @@ mod tests {
     }
 
     #[test]
-    fn growing_a_node_gives_its_27_neighbours_and_stops_at_the_border() {
-        let keys = grown(vec![pack([5, 5, 5])], 0..=8);
-        assert_eq!(keys, all_keys(4..=6));
-        assert_eq!(grown(vec![pack([0, 0, 0])], 0..=8), all_keys(0..=1));
-        assert_eq!(grown(vec![pack([0, 0, 0])], -1..=8), all_keys(-1..=1));
-        assert_eq!(corner_keys(vec![pack([3, 3, 3])]), all_keys(3..=4));
-        assert_eq!(within(&all_keys(0..=8), &(1..=7)), all_keys(1..=7));
-    }
-
-    #[test]
     fn a_lattice_finds_exactly_its_nodes() {
-        let lattice = Lattice::new(3, &grown(vec![pack([2, 3, 4])], 0..=8));
+        let lattice = Lattice::new(3, &Spans::of(8, [[2, 3, 4]].into_iter()).grown(&(-1..=1), &(0..=8)));
         assert_eq!(lattice.len(), 27);
         assert_eq!(lattice.find([1, 2, 3]), Some(0));
         assert_eq!(lattice.find([4, 3, 4]), None);

@@ -2,6 +2,7 @@
 
 use super::basis::{MASS, STIFFNESS, gradient_stencil};
 use super::octree::{Cell, Lattice};
+use super::spans::Spans;
 use rayon::prelude::*;
 use std::ops::Range;
 
@@ -32,19 +33,19 @@ pub(super) struct Runs {
 }
 
 impl Runs {
-    /// The unknowns at the sorted `nodes` of the lattice.
-    pub(super) fn new(lattice: &Lattice, nodes: &[u32]) -> Self {
-        let mut starts = Vec::new();
-        for (k, &i) in nodes.iter().enumerate() {
-            let here = lattice.nodes[i as usize];
-            let follows = k > 0 && lattice.nodes[nodes[k - 1] as usize] == [here[0] - 1, here[1], here[2]];
-            if !follows {
-                starts.push(k);
-            }
-        }
-        let ends = starts.iter().copied().skip(1).chain([nodes.len()]);
-        let spans: Vec<Range<usize>> = starts.iter().zip(ends).map(|(&a, b)| a..b).collect();
-        let runs: Vec<Run> = spans.par_iter().map(|span| Run::new(lattice, nodes, span.clone())).collect();
+    /// The unknowns at `nodes` of the lattice.
+    pub(super) fn new(lattice: &Lattice, nodes: &Spans) -> Self {
+        let spans = nodes.list();
+        let mut len = 0;
+        let firsts: Vec<u32> = spans
+            .iter()
+            .map(|span| {
+                len += span.1;
+                len - span.1
+            })
+            .collect();
+        let run = |(&(start, len), &first): (&(Cell, u32), &u32)| Run::new(lattice, start, len, first);
+        let runs: Vec<Run> = spans.par_iter().zip(&firsts).with_min_len(256).map(run).collect();
         let mut blocks = Vec::new();
         let mut start = 0;
         for (i, run) in runs.iter().enumerate() {
@@ -54,7 +55,7 @@ impl Runs {
             }
         }
         blocks.push(start..runs.len());
-        Self { runs, blocks, len: nodes.len() }
+        Self { runs, blocks, len: len as usize }
     }
 
     /// Number of unknowns.
@@ -73,18 +74,6 @@ impl Runs {
         self.runs[block.clone()].last().map_or(0, Run::lattice_end)
     }
 
-    /// Place of each unknown in the lattice: (first unknown, first node, length) of each run.
-    pub(super) fn spans(&self) -> impl Iterator<Item = (usize, usize, usize)> {
-        self.runs.iter().map(|r| (r.first as usize, r.node(), r.len as usize))
-    }
-
-    /// The unknown at a node of the lattice, if it is one.
-    pub(super) fn unknown_at(&self, node: usize) -> Option<usize> {
-        let at = self.runs.partition_point(|r| r.lattice_end() <= node);
-        let run = self.runs.get(at).filter(|r| r.node() <= node)?;
-        Some(run.first as usize + node - run.node())
-    }
-
     /// Cuts values of the unknowns into blocks.
     fn cut<'a, T>(&self, mut values: &'a mut [T]) -> Vec<&'a mut [T]> {
         let mut cut = Vec::with_capacity(self.blocks.len());
@@ -96,20 +85,25 @@ impl Runs {
         cut
     }
 
-    /// Sums over blocks of what `work` returns for the block's index, its part of `values` and the number of its first unknown.
-    pub(super) fn sum_over<T: Send>(&self, values: &mut [T], work: impl Fn(&mut [T], usize) -> f64 + Sync) -> f64 {
-        let parts = self.cut(values);
-        let sums: Vec<f64> = parts
-            .into_par_iter()
-            .zip(&self.blocks)
-            .map(|(part, block)| work(part, self.unknowns(block).start))
-            .collect();
-        sums.iter().sum()
+    /// For each unknown, `change(its value, the value at its node)`.
+    pub(super) fn gather(&self, values: &mut [f32], nodes: &[f32], change: impl Fn(&mut f32, f32) + Sync) {
+        self.cut(values).into_par_iter().zip(&self.blocks).for_each(|(part, block)| {
+            let first = self.unknowns(block).start;
+            for run in &self.runs[block.clone()] {
+                let own = &mut part[run.first as usize - first..][..run.len as usize];
+                own.iter_mut().zip(&nodes[run.node()..]).for_each(|(v, n)| change(v, *n));
+            }
+        });
     }
 
-    /// direction ← inverse diagonal · residual + beta · direction, the direction held on the lattice.
-    pub(super) fn turn(&self, direction: &mut [f32], residual: &[f32], inverse_diagonal: &[f32], beta: f32) {
-        let mut rest = direction;
+    /// `change(the values at the nodes of a run of unknowns, the first unknown)`, in parallel.
+    pub(super) fn scatter(&self, nodes: &mut [f32], change: impl Fn(&mut [f32], usize) + Sync) {
+        self.for_runs(nodes, |run, own, (): &mut ()| change(own, run.first as usize));
+    }
+
+    /// `change(run, the values at its nodes, scratch)`, in parallel.
+    fn for_runs<S: Default>(&self, nodes: &mut [f32], change: impl Fn(&Run, &mut [f32], &mut S) + Sync) {
+        let mut rest = nodes;
         let mut done = 0;
         let mut parts = Vec::with_capacity(self.blocks.len());
         for block in &self.blocks {
@@ -120,29 +114,51 @@ impl Runs {
             done = end;
         }
         parts.into_par_iter().for_each(|(part, start, block)| {
+            let mut scratch = S::default();
             for run in &self.runs[block.clone()] {
-                let (u, node, len) = (run.first as usize, run.node() - start, run.len as usize);
-                let preconditioned = residual[u..u + len].iter().zip(&inverse_diagonal[u..u + len]);
-                for (d, (r, m)) in part[node..node + len].iter_mut().zip(preconditioned) {
-                    *d = r * m + beta * *d;
+                change(run, &mut part[run.node() - start..][..run.len as usize], &mut scratch);
+            }
+        });
+    }
+
+    /// Σ residual² · inverse diagonal.
+    pub(super) fn norm(&self, residual: &[f32], inverse_diagonal: &[f32]) -> f64 {
+        let norm = |block: &Range<usize>| {
+            let own = self.unknowns(block);
+            weighted_norm(&residual[own.clone()], &inverse_diagonal[own])
+        };
+        self.blocks.par_iter().map(norm).collect::<Vec<_>>().iter().sum()
+    }
+
+    /// direction ← inverse diagonal · residual + beta · direction, the direction held on the lattice.
+    pub(super) fn turn(&self, direction: &mut [f32], residual: &[f32], inverse_diagonal: &[f32], beta: f32) {
+        self.scatter(direction, |own, first| {
+            let preconditioned = residual[first..].iter().zip(&inverse_diagonal[first..]);
+            own.iter_mut().zip(preconditioned).for_each(|(d, (r, m))| *d = r * m + beta * *d);
+        });
+    }
+
+    /// x ← x + step · direction and residual ← residual − step · applied; returns the residual's [`Self::norm`].
+    ///
+    /// * `[direction, applied, inverse diagonal]` – the direction held on the lattice
+    pub(super) fn advance(&self, x: &mut [f32], residual: &mut [f32], along: [&[f32]; 3], step: f32) -> f64 {
+        let [direction, applied, inverse_diagonal] = along;
+        let parts = self.cut(x).into_par_iter().zip(self.cut(residual)).zip(&self.blocks);
+        let sums: Vec<f64> = parts
+            .map(|((x, residual), block)| {
+                let own = self.unknowns(block);
+                for run in &self.runs[block.clone()] {
+                    let x = &mut x[run.first as usize - own.start..][..run.len as usize];
+                    x.iter_mut().zip(&direction[run.node()..]).for_each(|(x, d)| *x += step * d);
                 }
-            }
-        });
+                residual.iter_mut().zip(&applied[own.clone()]).for_each(|(r, a)| *r -= step * a);
+                weighted_norm(residual, &inverse_diagonal[own])
+            })
+            .collect();
+        sums.iter().sum()
     }
 
-    /// x ← x + step · direction, the direction held on the lattice.
-    pub(super) fn advance(&self, x: &mut [f32], direction: &[f32], step: f32) {
-        let parts = self.cut(x);
-        parts.into_par_iter().zip(&self.blocks).for_each(|(part, block)| {
-            let first = self.unknowns(block).start;
-            for run in &self.runs[block.clone()] {
-                let own = &mut part[run.first as usize - first..][..run.len as usize];
-                own.iter_mut().zip(&direction[run.node()..]).for_each(|(x, d)| *x += step * d);
-            }
-        });
-    }
-
-    /// The stiffness ∫∇B_i·∇B_j applied to values on the lattice, for each unknown; `finish(block's part, first unknown)` may add to it.
+    /// The stiffness ∫∇B_i·∇B_j applied to values on the lattice, for each unknown; `finish(block's part, number of the block)` may add to it.
     ///
     /// Returns Σ value · result over the unknowns.
     pub(super) fn stiffness(&self, values: &[f32], out: &mut [f32], finish: impl Fn(&mut [f32], usize) + Sync) -> f64 {
@@ -150,13 +166,14 @@ impl Runs {
         let sums: Vec<f64> = parts
             .into_par_iter()
             .zip(&self.blocks)
-            .map(|(part, block)| {
+            .enumerate()
+            .map(|(number, (part, block))| {
                 let first = self.unknowns(block).start;
                 for run in &self.runs[block.clone()] {
                     let at = run.first as usize - first;
                     run.stiffness(values, &mut part[at..at + run.len as usize]);
                 }
-                finish(part, first);
+                finish(part, number);
                 self.runs[block.clone()].iter().fold(0.0, |sum, run| {
                     let own = &part[run.first as usize - first..][..run.len as usize];
                     let dot = |s: f64, (a, b): (&f32, &f32)| s + f64::from(*a) * f64::from(*b);
@@ -170,34 +187,51 @@ impl Runs {
     /// ⟨∇B_i, V⟩ for each unknown, of a field given on the lattice, added to `out` on the lattice.
     pub(super) fn add_divergence(&self, field: &[[f32; 3]], out: &mut [f32]) {
         let stencil = gradient_stencil().map(|s| s.map(|c| c as f32));
-        let runs = |block: &Range<usize>| -> Vec<f32> {
-            let runs = &self.runs[block.clone()];
-            runs.iter().flat_map(|run| run.divergence(field, &stencil)).collect()
-        };
-        let blocks: Vec<Vec<f32>> = self.blocks.par_iter().map(runs).collect();
-        for (block, divergence) in self.blocks.iter().zip(blocks) {
-            let first = self.unknowns(block).start;
-            for run in &self.runs[block.clone()] {
-                let own = &divergence[run.first as usize - first..][..run.len as usize];
-                out[run.node()..][..run.len as usize].iter_mut().zip(own).for_each(|(o, d)| *o += d);
-            }
-        }
+        self.for_runs(out, |run, own, scratch: &mut Vec<f32>| {
+            run.divergence(field, &stencil, scratch);
+            own.iter_mut().zip(scratch).for_each(|(o, d)| *o += *d);
+        });
     }
 
-    /// Share of each unknown's support that lies in the domain, in the order of the unknowns.
-    pub(super) fn inside(&self) -> impl Iterator<Item = f32> {
-        self.runs.iter().flat_map(|run| (0..run.len as usize).map(|k| run.inside_at(k)))
+    /// What `make(the block's part of values, its unknowns in order)` makes of each block, in parallel.
+    pub(super) fn map_blocks<S: Send>(
+        &self,
+        values: &mut [f32],
+        make: impl Fn(&mut [f32], &mut dyn Iterator<Item = Unknown>) -> S + Sync,
+    ) -> Vec<S> {
+        let parts = self.cut(values).into_par_iter().zip(&self.blocks);
+        let unknown = |run: &Run, k: usize| Unknown {
+            inside: run.inside_at(k),
+            before: [0, 1, 3, 4].map(|r| run.rows[r] as usize + k),
+        };
+        let unknowns = |block: &Range<usize>| {
+            self.runs[block.clone()].iter().flat_map(move |r| (0..r.len as usize).map(move |k| unknown(r, k)))
+        };
+        parts.map(|(part, block)| make(part, &mut unknowns(block))).collect()
     }
 }
 
+/// An unknown among its neighbours.
+pub(super) struct Unknown {
+    /// Share of its support that lies in the domain.
+    pub(super) inside: f32,
+    /// The nodes diagonally before it in x, y and z, before it in x and z, in x and y, and in x: each is followed by the one straight before.
+    pub(super) before: [usize; 4],
+}
+
+fn weighted_norm(residual: &[f32], inverse_diagonal: &[f32]) -> f64 {
+    let weighted = residual.iter().zip(inverse_diagonal);
+    weighted.map(|(r, m)| f64::from(*r) * f64::from(*r) * f64::from(*m)).sum()
+}
+
 impl Run {
-    fn new(lattice: &Lattice, nodes: &[u32], span: Range<usize>) -> Self {
-        let [x, y, z]: Cell = lattice.nodes[nodes[span.start] as usize];
+    fn new(lattice: &Lattice, start: Cell, len: u32, first: u32) -> Self {
+        let [x, y, z] = start;
         let rows = std::array::from_fn(|r| {
             let node = [x - 1, y + r as i16 % 3 - 1, z + r as i16 / 3 - 1];
             lattice.find(node).expect("unknowns have all their neighbours") as u32
         });
-        Self { first: span.start as u32, len: span.len() as u32, rows, start: [x, y, z], cells: lattice.cells }
+        Self { first, len, rows, start, cells: lattice.cells }
     }
 
     /// −1 on the low border of the domain, 1 on the high one, else 0.
@@ -248,8 +282,9 @@ impl Run {
         self.scale(out);
     }
 
-    fn divergence(&self, field: &[[f32; 3]], stencil: &[[f32; 3]; 27]) -> Vec<f32> {
-        let mut out = vec![0.0; self.len as usize];
+    fn divergence(&self, field: &[[f32; 3]], stencil: &[[f32; 3]; 27], out: &mut Vec<f32>) {
+        out.clear();
+        out.resize(self.len as usize, 0.0);
         for (r, &first) in self.rows.iter().enumerate() {
             let row = &field[first as usize..][..out.len() + 2];
             for (k, out) in out.iter_mut().enumerate() {
@@ -261,9 +296,8 @@ impl Run {
         }
         if self.at_border() {
             out.iter_mut().enumerate().for_each(|(k, out)| *out += self.border_flux(field, k));
-            self.scale(&mut out);
+            self.scale(out);
         }
-        out
     }
 
     /// What mirroring the field misses at a border: its part across the border is not continuous there.
@@ -288,34 +322,29 @@ impl Run {
 
 #[cfg(test)]
 mod tests {
-    use super::super::octree::{all_keys, grown};
+    use super::super::spans::Spans;
     use super::*;
 
     /// Unknowns at the inner 3 × 2 × 2 nodes of a block, and the lattice round them.
     fn small() -> (Lattice, Runs) {
-        let keys: Vec<u64> = all_keys(2..=4).into_iter().collect();
-        let lattice = Lattice::new(3, &grown(keys, 0..=8));
-        let nodes: Vec<u32> = (0..lattice.len() as u32)
-            .filter(|&i| {
-                let [x, y, z] = lattice.nodes[i as usize];
-                (2..=4).contains(&x) && (2..=3).contains(&y) && (3..=4).contains(&z)
-            })
-            .collect();
-        let runs = Runs::new(&lattice, &nodes);
+        let lattice = Lattice::new(3, &Spans::full(8, &(1..=5)));
+        let inner = (2..=4).flat_map(|x| [[x, 2, 3], [x, 3, 3], [x, 2, 4], [x, 3, 4]]);
+        let runs = Runs::new(&lattice, &Spans::of(8, inner));
         (lattice, runs)
     }
 
     #[test]
     fn the_stencil_is_the_tensor_product_at_every_unknown() {
         let (lattice, runs) = small();
-        assert_eq!((runs.len(), runs.spans().count()), (12, 4));
+        assert_eq!((runs.len(), runs.runs.len()), (12, 4));
         let values: Vec<f32> = (0..lattice.len()).map(|i| ((i * 37) % 23) as f32).collect();
         let mut out = vec![0.0; 12];
         let energy = runs.stiffness(&values, &mut out, |_, _| ());
         let (mass, stiff) = ([1.0 / 6.0, 4.0 / 6.0, 1.0 / 6.0], [-1.0, 2.0, -1.0]);
         let mut expected_energy = 0.0;
-        for (first, node, len) in runs.spans() {
-            for k in 0..len {
+        for run in &runs.runs {
+            let (first, node) = (run.first as usize, run.node());
+            for k in 0..run.len as usize {
                 let [x, y, z] = lattice.nodes[node + k];
                 let mut expected = 0.0;
                 for n in 0..27_usize {
@@ -330,11 +359,9 @@ mod tests {
                     expected += entry * value;
                 }
                 assert!((f64::from(out[first + k]) - expected).abs() < 1e-4, "{} {expected}", out[first + k]);
-                assert_eq!(runs.unknown_at(node + k), Some(first + k));
                 expected_energy += expected * f64::from(values[node + k]);
             }
         }
         assert!((energy / expected_energy - 1.0).abs() < 1e-5);
-        assert_eq!(runs.unknown_at(0), None);
     }
 }

@@ -58,40 +58,32 @@ pub(super) fn solve(
 /// Jacobi-preconditioned conjugate gradients from zero, at the unknowns.
 fn conjugate_gradients(level: &Level, screening: &Screening, mut residual: Vec<f32>, tolerance: f64) -> Vec<f32> {
     let unknowns = &level.unknowns;
-    let inverse_diagonal = screening.inverse_diagonal(unknowns.inside());
+    let inverse_diagonal = screening.inverse_diagonal();
     let mut x = vec![0.0; unknowns.len()];
     let mut applied = vec![0.0; unknowns.len()];
     // On the lattice, zero at the nodes that are no unknowns.
     let mut direction = vec![0.0; level.lattice.len()];
-    let norm = |residual: &[f32], first: usize| {
-        let weighted = residual.iter().zip(&inverse_diagonal[first..]);
-        weighted.map(|(r, m)| f64::from(*r) * f64::from(*r) * f64::from(*m)).sum::<f64>()
-    };
-    let mut rho = unknowns.sum_over(&mut residual, |part, first| norm(part, first));
+    let mut rho = unknowns.norm(&residual, inverse_diagonal);
     let target = tolerance * tolerance * rho;
     let mut beta = 0.0;
     for _ in 0..MAX_ITERATIONS {
         if rho <= target || rho <= f64::MIN_POSITIVE {
             break;
         }
-        unknowns.turn(&mut direction, &residual, &inverse_diagonal, beta as f32);
+        unknowns.turn(&mut direction, &residual, inverse_diagonal, beta as f32);
         level.mirror(&mut direction);
         let pull = screening.pull(&direction, 0.0);
-        let curvature = unknowns.stiffness(&direction, &mut applied, |part, first| {
+        let curvature = unknowns.stiffness(&direction, &mut applied, |part, block| {
             // A pull is against the function.
             negate(part);
-            screening.add(part, first, &pull);
+            screening.add(part, block, &pull);
             negate(part);
         });
         if curvature <= 0.0 {
             break;
         }
         let step = (rho / curvature) as f32;
-        unknowns.advance(&mut x, &direction, step);
-        let next = unknowns.sum_over(&mut residual, |part, first| {
-            part.iter_mut().zip(&applied[first..]).for_each(|(r, a)| *r -= step * a);
-            norm(part, first)
-        });
+        let next = unknowns.advance(&mut x, &mut residual, [&direction, &applied, inverse_diagonal], step);
         beta = next / rho;
         rho = next;
     }

@@ -4,18 +4,22 @@
 //! Stored in single precision: the solution is wanted to a thousandth.
 
 use super::basis::hats;
-use super::octree::{Cell, Lattice, Samples, all_keys, cell_keys, corner, corner_keys, grown, locate, within};
+use super::octree::{Cell, Lattice, Samples, add_by_slabs, corner, locate};
 use super::params::Boundary;
 use super::runs::Runs;
 use super::screening::{CellSample, Screening};
+use super::spans::Spans;
 use rayon::prelude::*;
 use std::ops::{Range, RangeInclusive};
 
 /// Depths up to this one use every node of the domain.
 pub(super) const FULL_DEPTH: u32 = 5;
 
+/// Cells whose normals are splatted before their sums are added up.
+const BATCH: usize = 1 << 15;
+
 /// Rings of nodes beyond the corners of occupied cells that carry an unknown.
-const RINGS: usize = 1;
+const RINGS: i16 = 1;
 
 /// Samples with what the solver needs to know of them.
 pub(super) struct Weighted<'a> {
@@ -69,13 +73,13 @@ impl Level {
             occupied.into_iter().filter(|(_, r)| reaches(r)).collect()
         };
         let (lattice, unknowns) = lay_out(&used, depth, extent);
-        let mirrored = mirrored(&lattice);
+        let mirrored = if matches!(extent.boundary, Boundary::Dirichlet) { Vec::new() } else { mirrored(&lattice) };
         let corners: Vec<[u32; 4]> = used
             .par_iter()
             .map(|(cell, _)| lattice.corner_rows(*cell).expect("occupied cells have their corners"))
             .collect();
         let mut field = vec![[0.0; 3]; lattice.len()];
-        splat_normals(input, depth, extent, &used, &corners, &mut field);
+        splat_normals(input, &lattice, depth, extent, &used, &corners, &mut field);
         let cells = cell_samples(input, depth, extent.base, &used, &corners);
         Self { depth, values: Vec::new(), constraint: Vec::new(), lattice, unknowns, mirrored, cells, field }
     }
@@ -143,27 +147,24 @@ impl Level {
     /// The screening of this depth, and the residual at the unknowns of the present `values`, for samples meant to be at ½.
     pub(super) fn assemble(&mut self, alpha: f64) -> (Screening, Vec<f32>) {
         let per_area = alpha * f64::from(1_u32 << self.depth).powi(2);
-        let screening = Screening::new(std::mem::take(&mut self.cells), per_area, &self.unknowns);
+        let cells = std::mem::take(&mut self.cells);
+        let screening = Screening::new(&cells, per_area, &self.unknowns, self.lattice.len());
         self.mirror_values();
         let pull = screening.pull(&self.values, 0.5);
         let mut residual = vec![0.0; self.unknowns.len()];
-        self.unknowns.stiffness(&self.values, &mut residual, |part, first| {
+        self.unknowns.stiffness(&self.values, &mut residual, |part, block| {
             negate(part);
-            screening.add(part, first, &pull);
+            screening.add(part, block, &pull);
         });
-        for (first, node, len) in self.unknowns.spans() {
-            let constraint = &self.constraint[node..node + len];
-            residual[first..first + len].iter_mut().zip(constraint).for_each(|(r, c)| *r += c);
-        }
+        self.unknowns.gather(&mut residual, &self.constraint, |r, c| *r += c);
         (screening, residual)
     }
 
     /// Adds the correction at the unknowns.
     pub(super) fn correct(&mut self, correction: &[f32]) {
-        for (first, node, len) in self.unknowns.spans() {
-            let own = &mut self.values[node..node + len];
-            own.iter_mut().zip(&correction[first..first + len]).for_each(|(v, x)| *v += x);
-        }
+        self.unknowns.scatter(&mut self.values, |own, first| {
+            own.iter_mut().zip(&correction[first..]).for_each(|(v, x)| *v += x);
+        });
         self.mirror_values();
     }
 
@@ -203,19 +204,15 @@ fn lay_out(used: &[(Cell, Range<usize>)], depth: u32, extent: Extent) -> (Lattic
         Boundary::Dirichlet => (1..=last - 1, 0..=last),
         Boundary::Neumann => (0..=last, -1..=last + 1),
     };
-    let (unknown_keys, keys) = if depth <= FULL_DEPTH.max(extent.base) {
-        (all_keys(unknown), all_keys(node))
+    let unknowns = if depth <= FULL_DEPTH.max(extent.base) {
+        Spans::full(last, &unknown)
     } else {
-        let mut band = corner_keys(cell_keys(used.iter().map(|c| c.0)));
-        for _ in 0..RINGS {
-            band = grown(band, 0..=last);
-        }
-        let unknowns = within(&band, &unknown);
-        let nodes = grown(unknowns.clone(), node);
-        (unknowns, nodes)
+        // From cells to their corners and some rings of nodes beyond.
+        let band = Spans::of(last, used.iter().map(|c| c.0)).grown(&(-RINGS..=1 + RINGS), &(0..=last));
+        band.within(&unknown)
     };
-    let lattice = Lattice::new(depth, &keys);
-    let unknowns = Runs::new(&lattice, &positions(&keys, &unknown_keys));
+    let lattice = Lattice::new(depth, &unknowns.grown(&(-1..=1), &node));
+    let unknowns = Runs::new(&lattice, &unknowns);
     (lattice, unknowns)
 }
 
@@ -263,6 +260,7 @@ fn cell_samples(
 /// V = −Σ area · normal · B, on the nodes of the cells that hold the samples (the field points inwards, where the function is 1).
 fn splat_normals(
     input: &Weighted,
+    lattice: &Lattice,
     depth: u32,
     extent: Extent,
     used: &[(Cell, Range<usize>)],
@@ -283,15 +281,15 @@ fn splat_normals(
         }
         sum.map(|v| v.map(|x| x as f32))
     };
-    // Whole batches in parallel, so that memory stays small; added up in the order of the cells.
-    for (used, corners) in used.chunks(8192).zip(corners.chunks(8192)) {
+    // In batches, so that memory stays small.
+    for (used, corners) in used.chunks(BATCH).zip(corners.chunks(BATCH)) {
         let sums: Vec<[[f32; 3]; 8]> = used.par_iter().map(|(_, range)| cell(range)).collect();
-        for (sum, rows) in sums.iter().zip(corners) {
-            for (c, v) in sum.iter().enumerate() {
-                let node = &mut field[corner(rows, c)];
-                *node = std::array::from_fn(|k| node[k] + v[k]);
+        add_by_slabs(lattice, used, &(0..=1), field, |slab, start, step, i| {
+            for c in 4 * step as usize..4 * step as usize + 4 {
+                let node = &mut slab[corner(&corners[i], c) - start];
+                *node = std::array::from_fn(|k| node[k] + sums[i][c][k]);
             }
-        }
+        });
     }
 }
 
@@ -341,17 +339,4 @@ pub(super) fn negate(values: &mut [f32]) {
     for v in values {
         *v = -*v;
     }
-}
-
-/// Index in `all` of each of `some`; both sorted.
-fn positions(all: &[u64], some: &[u64]) -> Vec<u32> {
-    let mut at = 0;
-    some.iter()
-        .map(|key| {
-            while all[at] != *key {
-                at += 1;
-            }
-            at as u32
-        })
-        .collect()
 }
