@@ -68,6 +68,8 @@ pub struct ImplicitField {
 ///
 /// Dense levels: O(cells · iterations); band: O(surface / spacing² · iterations) arithmetic, O(box / spacing³) bytes.
 pub fn solve_implicit(problem: &ImplicitProblem, params: &ImplicitParams) -> ImplicitField {
+    let guessed = params.shell.wall.map(|wall| shell::beside_walls(problem, wall));
+    let problem = &ImplicitProblem { guessed: guessed.as_deref().unwrap_or(problem.guessed), ..*problem };
     let is_shell = shell::is_shell(problem, &params.shell);
     let fine = ImplicitParams { spacing: params.spacing.min(params.shell.spacing), ..params.clone() };
     let params = if is_shell { &fine } else { params };
