@@ -175,8 +175,9 @@ fn the_edge_of_a_board_does_not_pull_its_outer_corners() {
 #[test]
 fn the_edge_of_a_cut_board_is_no_row_of_corners() {
     let camera = camera();
-    for outer in [0.45, 0.55, 0.7] {
-        for (i, pose) in poses().iter().enumerate() {
+    // A search that finds nothing tries everything: three views are enough.
+    for outer in [0.45, 0.55] {
+        for (i, pose) in poses().iter().enumerate().step_by(5) {
             let image = picture(&BOARD, &camera, pose, Look { outer, ..CLEAR }, i as u64);
             find(&image);
             for (cols, rows) in [(8, 6), (9, 5)] {
