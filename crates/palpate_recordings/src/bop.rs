@@ -75,18 +75,15 @@ pub fn import_bop(folder: &Path, frame: BopFrame) -> Result<Imported, ImportErro
     let pinhole = PinholeCamera { width: depth.cols(), height: depth.rows(), fx, fy, cx, cy, distortion: [0.0; 5] };
     pinhole.validate().map_err(|e| ImportError::Value(format!("{}: image {key}: {e}", list.display())))?;
     let mut warnings = Vec::new();
-    let world_from_camera = match (camera.rotation, camera.translation) {
-        (Some(r), Some(t)) => {
-            let rotation = Rotation3::from_matrix_eps(&Matrix3::from_row_slice(&r), 1e-12, 100, Rotation3::identity());
-            let t = Translation3::new(t[0] * 1e-3, t[1] * 1e-3, t[2] * 1e-3);
-            Isometry::from_parts(t, UnitQuaternion::from_rotation_matrix(&rotation)).inverse()
-        }
-        _ => {
-            warnings.push(format!(
-                "scene_camera.json has no cam_R_w2c and cam_t_w2c of image {key}: the world is the camera's frame"
-            ));
-            Isometry::identity()
-        }
+    let world_from_camera = if let (Some(r), Some(t)) = (camera.rotation, camera.translation) {
+        let rotation = Rotation3::from_matrix_eps(&Matrix3::from_row_slice(&r), 1e-12, 100, Rotation3::identity());
+        let t = Translation3::new(t[0] * 1e-3, t[1] * 1e-3, t[2] * 1e-3);
+        Isometry::from_parts(t, UnitQuaternion::from_rotation_matrix(&rotation)).inverse()
+    } else {
+        warnings.push(format!(
+            "scene_camera.json has no cam_R_w2c and cam_t_w2c of image {key}: the world is the camera's frame"
+        ));
+        Isometry::identity()
     };
     let frame = Frame {
         camera: pinhole,

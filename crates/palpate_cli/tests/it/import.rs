@@ -78,7 +78,9 @@ fn cloud(path: &Path, wall: f64, beyond: f64) {
         "ply\nformat ascii 1.0\nelement vertex {}\nproperty float x\nproperty float y\nproperty float z\nend_header\n",
         points.len()
     );
-    points.iter().for_each(|[x, y, z]| text.push_str(&format!("{x} {y} {z}\n")));
+    for [x, y, z] in points {
+        text.push_str(&format!("{x} {y} {z}\n"));
+    }
     std::fs::write(path, text).expect("written");
 }
 

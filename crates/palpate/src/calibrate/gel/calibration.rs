@@ -94,13 +94,14 @@ pub fn calibrate_gel(
     let (mut used, mut good, mut left_out) = (Vec::new(), Vec::<GelPress>::new(), Vec::new());
     for (i, press) in found.into_iter().enumerate() {
         match press {
-            Ok(press) => match good.iter().position(|g| press.repeats(g)) {
-                Some(before) => left_out.push((i, PressFault::Repeats { of: used[before] })),
-                None => {
+            Ok(press) => {
+                if let Some(before) = good.iter().position(|g| press.repeats(g)) {
+                    left_out.push((i, PressFault::Repeats { of: used[before] }));
+                } else {
                     used.push(i);
                     good.push(press);
                 }
-            },
+            }
             Err(fault) => left_out.push((i, fault)),
         }
     }
