@@ -80,7 +80,9 @@ pub(crate) fn run(args: Args) -> anyhow::Result<Outcome> {
     let (first, second): (Vec<_>, Vec<_>) = pairs.iter().map(|p| (p.1.clone(), p.2.clone())).unzip();
     let found = paired_extrinsics(&board, [&cameras[0], &cameras[1]], &first, &second);
     if let Err(CalibrationError::PairsDisagree { apart, .. }) = &found {
-        apart.iter().for_each(|&i| eprintln!("palpate: {} contradict most others", pairs[i].0));
+        for &i in apart {
+            eprintln!("palpate: {} contradict most others", pairs[i].0);
+        }
     }
     let found = found.with_context(|| format!("{} pairs", pairs.len()))?;
     write_extrinsics(&args.output, &found.second_from_first, found.rms, found.sigma)?;

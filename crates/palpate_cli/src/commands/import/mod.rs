@@ -42,7 +42,9 @@ fn forget_far(imported: &mut Imported) -> usize {
     let depth = imported.scene.frame.depth.as_mut_slice();
     let far: Vec<&mut f32> = depth.iter_mut().filter(|z| **z > FARTHEST).collect();
     let count = far.len();
-    far.into_iter().for_each(|z| *z = f32::NAN);
+    for z in far {
+        *z = f32::NAN;
+    }
     count
 }
 
@@ -77,13 +79,10 @@ impl Target {
             scene.display()
         );
         ensure!(!self.output.is_file(), "{} is a file; a folder is needed", self.output.display());
-        match self.output.parent().filter(|p| !p.as_os_str().is_empty() && !p.is_dir()) {
-            Some(parent) => bail!("the folder {} for {} does not exist", parent.display(), self.output.display()),
-            None => {
-                let files = WRITTEN.map(|name| (name, "--output"));
-                Targets::keep(inputs).files_in(&self.output, files)
-            }
+        if let Some(parent) = self.output.parent().filter(|p| !p.as_os_str().is_empty() && !p.is_dir()) {
+            bail!("the folder {} for {} does not exist", parent.display(), self.output.display());
         }
+        Targets::keep(inputs).files_in(&self.output, WRITTEN.map(|name| (name, "--output")))
     }
 
     /// Writes a scene that is complete, and says what was assumed.
