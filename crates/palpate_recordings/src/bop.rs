@@ -74,13 +74,16 @@ pub fn import_bop(folder: &Path, frame: BopFrame) -> Result<Imported, ImportErro
     let [fx, _, cx, _, fy, cy, ..] = camera.k;
     let pinhole = PinholeCamera { width: depth.cols(), height: depth.rows(), fx, fy, cx, cy, distortion: [0.0; 5] };
     pinhole.validate().map_err(|e| ImportError::Value(format!("{}: image {key}: {e}", list.display())))?;
-    let world_from_camera = match (camera.rotation, camera.translation) {
-        (Some(r), Some(t)) => {
-            let rotation = Rotation3::from_matrix_eps(&Matrix3::from_row_slice(&r), 1e-12, 100, Rotation3::identity());
-            let t = Translation3::new(t[0] * 1e-3, t[1] * 1e-3, t[2] * 1e-3);
-            Isometry::from_parts(t, UnitQuaternion::from_rotation_matrix(&rotation)).inverse()
-        }
-        _ => Isometry::identity(),
+    let mut warnings = Vec::new();
+    let world_from_camera = if let (Some(r), Some(t)) = (camera.rotation, camera.translation) {
+        let rotation = Rotation3::from_matrix_eps(&Matrix3::from_row_slice(&r), 1e-12, 100, Rotation3::identity());
+        let t = Translation3::new(t[0] * 1e-3, t[1] * 1e-3, t[2] * 1e-3);
+        Isometry::from_parts(t, UnitQuaternion::from_rotation_matrix(&rotation)).inverse()
+    } else {
+        warnings.push(format!(
+            "scene_camera.json has no cam_R_w2c and cam_t_w2c of image {key}: the world is the camera's frame"
+        ));
+        Isometry::identity()
     };
     let frame = Frame {
         camera: pinhole,
@@ -95,5 +98,5 @@ pub fn import_bop(folder: &Path, frame: BopFrame) -> Result<Imported, ImportErro
     frame.validate().map_err(|e| ImportError::Value(format!("{}: image {key}: {e}", folder.display())))?;
     let name = folder.file_name().map_or_else(|| "bop".to_owned(), |n| format!("{}_{stem}", n.to_string_lossy()));
     let scene = Scene { name, frame, sensor: None, pose_sigma: PoseSigma::default(), touches: Vec::new() };
-    Ok(Imported { scene, tactile_background: None, warnings: Vec::new() })
+    Ok(Imported { scene, tactile_background: None, warnings })
 }

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 #[non_exhaustive]
 pub enum ImportError {
     /// The file system said no.
-    #[error("cannot read {}: {source}", path.display())]
+    #[error("cannot read {}", path.display())]
     Read {
         /// The file.
         path: PathBuf,
@@ -101,7 +101,7 @@ pub enum ImportError {
         source_frame: String,
         /// What is missing.
         reason: String,
-        /// Every frame of the recording.
+        /// Every frame of the recording, or why there is none.
         known: String,
     },
     /// A value is out of range.

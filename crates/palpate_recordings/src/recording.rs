@@ -46,7 +46,7 @@ pub struct RecordingSpec {
     pub sensor: Option<TactileSensor>,
     /// No-contact image; `None`: the first tactile image.
     pub tactile_background: Option<Raster<[u8; 3]>>,
-    /// Depth frame nearest to this stamp, seconds; `None` for the first.
+    /// Depth frame nearest to this stamp, seconds, which must lie within the recording; `None` for the first.
     pub time: Option<f64>,
     /// A recording without its end counts as far as it goes.
     pub allow_truncated: bool,
@@ -223,6 +223,12 @@ fn pick(index: &Index, topic: &str, time: Option<f64>, what: &str) -> Result<i64
     let stamps = index.stamps.get(topic).filter(|s| !s.is_empty()).ok_or_else(|| nothing(topic, what))?;
     let Some(time) = time else { return Ok(stamps[0]) };
     let wanted = (time * 1e9) as i64;
+    let (first, last) = stamps.iter().fold((i64::MAX, i64::MIN), |(a, b), &s| (a.min(s), b.max(s)));
+    let recorded = first.saturating_sub(TOGETHER)..=last.saturating_add(TOGETHER);
+    if !time.is_finite() || !recorded.contains(&wanted) {
+        let (from, to) = (first as f64 * 1e-9, last as f64 * 1e-9);
+        return Err(nothing(topic, &format!("{what} at {time} s; it was recorded from {from:.3} to {to:.3} s")));
+    }
     Ok(stamps.iter().copied().min_by_key(|s| s.abs_diff(wanted)).unwrap_or(stamps[0]))
 }
 

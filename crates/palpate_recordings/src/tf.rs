@@ -49,7 +49,7 @@ impl TfTree {
             target: target.to_owned(),
             source_frame: source.to_owned(),
             reason,
-            known: self.frames().join(", "),
+            known: self.known(),
         };
         let (up, down) = (self.ancestors(source), self.ancestors(target));
         let Some(meeting) = up.iter().find(|frame| down.contains(frame)) else {
@@ -76,6 +76,16 @@ impl TfTree {
         all.sort();
         all.dedup();
         all
+    }
+
+    /// Every frame, in words.
+    fn known(&self) -> String {
+        let frames = self.frames();
+        if frames.is_empty() {
+            "none: no transform was recorded, neither on /tf nor on /tf_static".to_owned()
+        } else {
+            frames.join(", ")
+        }
     }
 
     /// A frame and those above it.
@@ -167,5 +177,7 @@ mod tests {
         tree.insert(transform("b", "a", 0, 0.0, 0.0), true);
         tree.insert(transform("a", "b", 0, 0.0, 0.0), true);
         assert!(tree.lookup("world", "a", 0).is_err(), "a loop");
+        let error = TfTree::default().lookup("world", "gel", 0).expect_err("no tf at all").to_string();
+        assert!(error.contains("known frames: none: no transform was recorded"), "{error}");
     }
 }

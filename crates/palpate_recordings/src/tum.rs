@@ -67,6 +67,7 @@ pub fn import_tum(folder: &Path, time: Option<f64>, camera: &PinholeCamera) -> R
             }
         }
     } else {
+        warnings.push("there is no groundtruth.txt: the world is the camera's frame".to_owned());
         Isometry::identity()
     };
     let frame = Frame {

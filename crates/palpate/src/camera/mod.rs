@@ -23,5 +23,5 @@ pub use register::{register_color, register_depth};
 pub use segment::segment_object;
 pub use segment_params::{SegmentError, SegmentParams};
 pub use smooth::{SmoothParams, smooth_depth};
-pub use undistort::{undistort_color, undistort_depth};
+pub use undistort::{undistort_color, undistort_depth, undistort_gray};
 pub use visible::Visible;

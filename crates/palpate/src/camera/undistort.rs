@@ -33,6 +33,18 @@ pub fn undistort_color(image: &Raster<[u8; 3]>, camera: &PinholeCamera) -> (Rast
     (out, ideal)
 }
 
+/// The same of a grey image of 16 bits (infrared).
+///
+/// The image must have the camera's size.
+pub fn undistort_gray(image: &Raster<u16>, camera: &PinholeCamera) -> (Raster<u16>, PinholeCamera) {
+    let (ideal, place) = places(camera);
+    let size = (image.cols(), image.rows());
+    let out = Raster::par_from_fn(image.rows(), image.cols(), |row, col| {
+        place(row, col).map_or(0, |(u, v)| bilinear(size, u, v, |r, c| f64::from(image[(r, c)])) as u16)
+    });
+    (out, ideal)
+}
+
 /// The same of a depth image: z stays, it moves to where its ray goes. Between readings of one surface 1/z is interpolated,
 /// which is exact for planes; elsewhere the nearest reading counts. NaN where there is none.
 ///
@@ -47,14 +59,17 @@ pub fn undistort_depth(depth: &Raster<f32>, camera: &PinholeCamera) -> (Raster<f
 
 /// Bilinear colour at a place; the outer half pixel repeats the border.
 pub(super) fn sample_color(image: &Raster<[u8; 3]>, u: f64, v: f64) -> [u8; 3] {
-    let (c0, c1, fx) = split(u, image.cols());
-    let (r0, r1, fy) = split(v, image.rows());
-    std::array::from_fn(|k| {
-        let at = |r, c| f64::from(image[(r, c)][k]);
-        let top = at(r0, c0) * (1.0 - fx) + at(r0, c1) * fx;
-        let bottom = at(r1, c0) * (1.0 - fx) + at(r1, c1) * fx;
-        (top * (1.0 - fy) + bottom * fy).round() as u8
-    })
+    let size = (image.cols(), image.rows());
+    std::array::from_fn(|k| bilinear(size, u, v, |r, c| f64::from(image[(r, c)][k])) as u8)
+}
+
+/// The value at a place between four pixels, rounded.
+fn bilinear((cols, rows): (usize, usize), u: f64, v: f64, at: impl Fn(usize, usize) -> f64) -> f64 {
+    let (c0, c1, fx) = split(u, cols);
+    let (r0, r1, fy) = split(v, rows);
+    let top = at(r0, c0) * (1.0 - fx) + at(r0, c1) * fx;
+    let bottom = at(r1, c0) * (1.0 - fx) + at(r1, c1) * fx;
+    (top * (1.0 - fy) + bottom * fy).round()
 }
 
 fn split(x: f64, n: usize) -> (usize, usize, f64) {
@@ -172,5 +187,7 @@ mod tests {
         assert_eq!(undistort_depth(&depth, &camera).0, depth);
         let image = Raster::from_fn(120, 160, |r, c| [r as u8, c as u8, 7]);
         assert_eq!(undistort_color(&image, &camera).0, image);
+        let infrared = Raster::from_fn(120, 160, |r, c| (300 * r + c) as u16);
+        assert_eq!(undistort_gray(&infrared, &camera).0, infrared);
     }
 }

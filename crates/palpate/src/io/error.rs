@@ -34,6 +34,14 @@ pub enum IoError {
         /// The output.
         path: PathBuf,
     },
+    /// A file has the name of the folder for the output, or of one above it.
+    #[error("cannot write into {}: {} is a file, a folder is needed", path.display(), file.display())]
+    IsFile {
+        /// The folder.
+        path: PathBuf,
+        /// The file in its way.
+        file: PathBuf,
+    },
     /// The content breaks the rules of its format, or is cut short.
     #[error("{}: not a readable {format} file: {reason}", path.display())]
     Malformed {

@@ -76,20 +76,73 @@ pub fn parse_depth_png(name: &Path, bytes: &[u8], metres_per_unit: f64) -> Resul
 /// [`IoError::Content`] if a depth does not fit, else as [`atomic_write`].
 pub fn write_depth_png(path: impl AsRef<Path>, depth: &Raster<f32>, metres_per_unit: f64) -> Result<(), IoError> {
     let path = path.as_ref();
-    let mut bytes = Vec::with_capacity(2 * depth.as_slice().len());
-    for &z in depth.as_slice() {
-        let units = (f64::from(z) / metres_per_unit).round();
-        let value = if z.is_nan() { 0 } else { units.max(1.0) as u16 };
-        if !z.is_nan() && !(0.0..=65535.0).contains(&units) {
-            let farthest = 65535.0 * metres_per_unit;
-            return Err(IoError::content(
-                path,
-                format!("a depth of {z} m does not fit 16 bits of {metres_per_unit} m (0 to {farthest} m)"),
-            ));
-        }
-        bytes.extend(value.to_ne_bytes());
-    }
+    check_depth(path, depth, metres_per_unit)?;
+    let units = |z: &f32| if z.is_nan() { 0 } else { in_units(*z, metres_per_unit).max(1.0) as u16 };
+    let bytes: Vec<u8> = depth.as_slice().iter().flat_map(|z| units(z).to_ne_bytes()).collect();
     atomic_write(path, |w| encode(w, &bytes, depth.shape(), ExtendedColorType::L16))
+}
+
+fn in_units(z: f32, metres_per_unit: f64) -> f64 {
+    (f64::from(z) / metres_per_unit).round()
+}
+
+/// Says no before anything is written to a depth image that cannot hold every reading.
+pub(super) fn check_depth(path: &Path, depth: &Raster<f32>, metres_per_unit: f64) -> Result<(), IoError> {
+    let fits = |z: f32| z.is_nan() || (0.0..=65535.0).contains(&in_units(z, metres_per_unit));
+    match depth.pixels().find(|(_, _, z)| !fits(**z)) {
+        None => Ok(()),
+        Some((row, col, z)) => {
+            let farthest = 65535.0 * metres_per_unit;
+            let reason = format!(
+                "the depth of {z} m at pixel ({col}, {row}) does not fit 16 bits of {metres_per_unit} m (0 to {farthest} m)"
+            );
+            Err(IoError::content(path, reason))
+        }
+    }
+}
+
+/// A picture that keeps its depth: 16-bit grey (infrared), or colour.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Picture {
+    /// sRGB; 8-bit grey becomes colour.
+    Color(Raster<[u8; 3]>),
+    /// 16-bit grey.
+    Gray16(Raster<u16>),
+}
+
+/// Reads a picture, PNG or JPEG: 16-bit grey as it is, anything else as [`read_color`] does.
+///
+/// # Errors
+/// [`IoError::Read`] or [`IoError::Malformed`].
+pub fn read_picture(path: impl AsRef<Path>) -> Result<Picture, IoError> {
+    let path = path.as_ref();
+    Ok(match decode(path, &read_bytes(path)?, &[ImageFormat::Png, ImageFormat::Jpeg])? {
+        DynamicImage::ImageLuma16(image) => {
+            let (width, height) = image.dimensions();
+            Picture::Gray16(raster(width, height, image.into_raw()))
+        }
+        other => Picture::Color(color(other)),
+    })
+}
+
+/// Writes a picture as PNG, in its depth.
+///
+/// # Errors
+/// As [`atomic_write`].
+pub fn write_picture(path: impl AsRef<Path>, picture: &Picture) -> Result<(), IoError> {
+    match picture {
+        Picture::Color(image) => write_color(path, image),
+        Picture::Gray16(image) => {
+            let bytes: Vec<u8> = image.as_slice().iter().flat_map(|v| v.to_ne_bytes()).collect();
+            atomic_write(path, |w| encode(w, &bytes, image.shape(), ExtendedColorType::L16))
+        }
+    }
+}
+
+fn color(image: DynamicImage) -> Raster<[u8; 3]> {
+    let image = image.into_rgb8();
+    let pixels = image.as_raw().chunks_exact(3).map(|p| [p[0], p[1], p[2]]).collect();
+    raster(image.width(), image.height(), pixels)
 }
 
 /// Reads a colour image, PNG or JPEG, as sRGB; grey becomes colour, transparency is dropped.
@@ -105,9 +158,7 @@ pub fn read_color(path: impl AsRef<Path>) -> Result<Raster<[u8; 3]>, IoError> {
 /// # Errors
 /// As [`read_color`].
 pub fn parse_color(name: &Path, bytes: &[u8]) -> Result<Raster<[u8; 3]>, IoError> {
-    let image = decode(name, bytes, &[ImageFormat::Png, ImageFormat::Jpeg])?.into_rgb8();
-    let pixels = image.as_raw().chunks_exact(3).map(|p| [p[0], p[1], p[2]]).collect();
-    Ok(raster(image.width(), image.height(), pixels))
+    Ok(color(decode(name, bytes, &[ImageFormat::Png, ImageFormat::Jpeg])?))
 }
 
 /// Reads an image as grey values: 16-bit grey as it is (infrared), anything else as 8-bit luma. PNG or JPEG.
@@ -193,6 +244,18 @@ fn encode(w: &mut impl Write, bytes: &[u8], (rows, cols): (usize, usize), color:
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn infrared_keeps_its_sixteen_bits() {
+        let folder = tempfile::tempdir().expect("temporary folder");
+        let path = folder.path().join("ir.png");
+        let infrared = Picture::Gray16(Raster::from_fn(12, 16, |r, c| (100 * r + c) as u16));
+        write_picture(&path, &infrared).expect("written");
+        assert_eq!(read_picture(&path).expect("read"), infrared);
+        let color = Picture::Color(Raster::from_fn(12, 16, |r, c| [r as u8, c as u8, 7]));
+        write_picture(&path, &color).expect("written");
+        assert_eq!(read_picture(&path).expect("read"), color);
+    }
 
     #[test]
     fn depth_survives_writing_and_reading() {

@@ -35,8 +35,8 @@ pub use atomic::atomic_write;
 pub use camera_file::{CameraFile, pose, read_camera, read_extrinsics, write_camera, write_extrinsics};
 pub use error::IoError;
 pub use images::{
-    parse_color, parse_depth_png, parse_mask, read_color, read_depth_png, read_gray, read_mask, write_color,
-    write_depth_png, write_jpeg, write_mask,
+    Picture, parse_color, parse_depth_png, parse_mask, read_color, read_depth_png, read_gray, read_mask, read_picture,
+    write_color, write_depth_png, write_jpeg, write_mask, write_picture,
 };
 pub use lookup_table::read_lookup_table;
 pub use mesh_files::{
@@ -50,8 +50,8 @@ pub use press_set::{PressSet, PressSetHeader, begin_press_set, has_press_shard, 
 pub use scene::{SceneCheck, SceneFile, check_scene, read_scene};
 pub use scene_append::SceneAppender;
 pub use scene_follow::{SceneChange, SceneFollower};
-pub use scene_write::{NewScene, SceneToWrite, init_scene, write_scene};
+pub use scene_write::{NewScene, SceneToWrite, depth_unit, init_scene, write_scene};
 pub use sensor_file::{SensorFile, copy_sensor, read_sensor, write_sensor};
-pub use text::{check_mesh_output, check_writable, create_folder, read_text, write_text};
+pub use text::{check_folder, check_mesh_output, check_writable, create_folder, read_text, write_text};
 pub use weights::read_compact_weights;
 pub use ycb_sight::{YcbSightFile, read_ycb_sight, read_ycb_sight_press, write_ycb_sight};

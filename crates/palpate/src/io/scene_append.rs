@@ -17,6 +17,7 @@ pub struct SceneAppender {
     /// Width and height of the sensor's images; `None` without a sensor.
     size: Option<[usize; 2]>,
     has_background: bool,
+    world_from_camera: Isometry,
 }
 
 impl SceneAppender {
@@ -32,7 +33,18 @@ impl SceneAppender {
             let preset = TactileSensor::preset(&s.model).map_or([0, 0], |p| [p.width, p.height]);
             [s.width.unwrap_or(preset[0]), s.height.unwrap_or(preset[1])]
         });
-        Ok(Self { folder, touches: scene.touches.len(), size, has_background })
+        let pose = scene.camera.world_from_camera.as_ref().map(PoseToml::isometry).transpose();
+        let pose = pose.map_err(|reason| IoError::Scene {
+            path: folder.join("scene.toml"),
+            reason: format!("[camera] world_from_camera: {reason}"),
+        })?;
+        let world_from_camera = pose.map_or_else(Isometry::identity, |p| p.0);
+        Ok(Self { folder, touches: scene.touches.len(), size, has_background, world_from_camera })
+    }
+
+    /// Where the scene's camera stands; the identity if nothing is said.
+    pub fn world_from_camera(&self) -> Isometry {
+        self.world_from_camera
     }
 
     /// Touches that the scene has.

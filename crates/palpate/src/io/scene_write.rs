@@ -1,6 +1,7 @@
 //! New scene folders: from a [`Scene`] in memory, or from the files that a user has at hand.
 
 use super::error::read_bytes;
+use super::images::check_depth;
 use super::scene::implausible_median;
 use super::scene_format::{
     self, BackgroundToml, CameraToml, DepthToml, FileToml, PoseSigmaToml, PoseToml, SceneToml, SensorToml, SupportToml,
@@ -28,15 +29,23 @@ pub struct SceneToWrite<'a> {
     pub tactile_background: Option<&'a Raster<[u8; 3]>>,
     /// Quality, 1 to 100, of tactile images written as JPEG; `None` writes them as PNG, without loss and ten times as large.
     pub jpeg_quality: Option<u8>,
-    /// Unit of the depth image, metres. 0.0001 reaches 6.55 m.
+    /// Unit of the depth image, metres: see [`depth_unit`].
     pub metres_per_unit: f64,
 }
 
 impl<'a> SceneToWrite<'a> {
-    /// The scene alone, depth in 0.1 mm.
+    /// The scene alone, depth in the finest unit that holds it.
     pub fn new(scene: &'a Scene) -> Self {
-        Self { scene, truth: None, tactile_background: None, jpeg_quality: None, metres_per_unit: 1e-4 }
+        let metres_per_unit = depth_unit(&scene.frame.depth);
+        Self { scene, truth: None, tactile_background: None, jpeg_quality: None, metres_per_unit }
     }
+}
+
+/// The finest unit, metres, in which 16 bits reach the farthest reading: 0.0001 to 6.55 m, 0.0002 to 13.1 m, 0.0005 to 32.7 m, else 0.001.
+pub fn depth_unit(depth: &Raster<f32>) -> f64 {
+    // NaN is never the larger.
+    let farthest = f64::from(depth.as_slice().iter().copied().fold(0.0, f32::max));
+    [1e-4, 2e-4, 5e-4].into_iter().find(|unit| farthest <= 65535.0 * unit).unwrap_or(1e-3)
 }
 
 /// Writes a scene folder (made if it is missing; its parent must exist). `scene.toml` comes last: a folder that an
@@ -47,6 +56,7 @@ impl<'a> SceneToWrite<'a> {
 pub fn write_scene(folder: impl AsRef<Path>, what: &SceneToWrite) -> Result<(), IoError> {
     let folder = folder.as_ref();
     let (scene, frame) = (what.scene, &what.scene.frame);
+    check_depth(&folder.join("depth.png"), &frame.depth, what.metres_per_unit)?;
     make_folder(folder)?;
     let mut toml = SceneToml::new(
         scene.name.clone(),
@@ -301,6 +311,32 @@ mod tests {
                 Touch { contact: None, image: Some(Raster::filled(480, 640, [1, 2, 3])), world_from_sensor: pose(0.2) },
             ],
         }
+    }
+
+    #[test]
+    fn the_unit_of_depth_reaches_the_farthest_reading() {
+        let folder = tempfile::tempdir().expect("temporary folder");
+        for (farthest, unit) in [(6.5, 1e-4), (6.6, 2e-4), (13.2, 5e-4), (40.0, 1e-3)] {
+            let mut scene = scene();
+            scene.frame.depth[(5, 5)] = farthest;
+            let path = folder.path().join(format!("{farthest}"));
+            let what = SceneToWrite::new(&scene);
+            assert_eq!(what.metres_per_unit, unit);
+            write_scene(&path, &what).expect("written");
+            let read = read_scene(&path).expect("a scene").scene.frame.depth;
+            assert!((read[(5, 5)] - farthest).abs() < 1e-5 && (read[(3, 0)] - 0.5).abs() < 1e-5, "{}", read[(5, 5)]);
+        }
+    }
+
+    #[test]
+    fn a_depth_beyond_every_unit_leaves_no_folder() {
+        let folder = tempfile::tempdir().expect("temporary folder");
+        let mut scene = scene();
+        scene.frame.depth[(5, 6)] = 70.0;
+        let path = folder.path().join("s");
+        let error = write_scene(&path, &SceneToWrite::new(&scene)).expect_err("too far").to_string();
+        assert!(error.contains("70 m at pixel (6, 5)") && error.contains("0 to 65.535 m"), "{error}");
+        assert!(!path.exists());
     }
 
     #[test]

@@ -56,3 +56,38 @@ pub fn check_writable(path: impl AsRef<Path>) -> Result<(), IoError> {
     }
     tempfile::tempfile_in(folder).map(drop).map_err(|source| IoError::Write { path: path.to_owned(), source })
 }
+
+/// Checks that files could be written into a folder, which is there or could be made.
+///
+/// # Errors
+/// [`IoError::IsFile`] if it, or one above it, is a file; [`IoError::Write`] with the system's reason.
+pub fn check_folder(path: impl AsRef<Path>) -> Result<(), IoError> {
+    let path = path.as_ref();
+    // What is not there yet is made in the nearest folder above that is.
+    let there = path.ancestors().find(|p| p.as_os_str().is_empty() || p.exists()).unwrap_or(Path::new("."));
+    let there = if there.as_os_str().is_empty() { Path::new(".") } else { there };
+    if !there.is_dir() {
+        return Err(IoError::IsFile { path: path.to_owned(), file: there.to_owned() });
+    }
+    tempfile::tempfile_in(there).map(drop).map_err(|source| IoError::Write { path: path.to_owned(), source })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_folder_that_cannot_be_made_names_the_file_in_the_way() {
+        let folder = tempfile::tempdir().expect("temporary folder");
+        let file = folder.path().join("file");
+        fs::write(&file, "").expect("written");
+        check_folder(folder.path()).expect("there");
+        check_folder(folder.path().join("a/b")).expect("can be made");
+        assert!(!folder.path().join("a").exists(), "only looked at");
+        check_folder("somewhere").expect("can be made here");
+        for path in [file.clone(), file.join("below")] {
+            let error = check_folder(&path).expect_err("a file is in the way").to_string();
+            assert!(error.contains("a folder is needed") && error.contains(&path.display().to_string()), "{error}");
+        }
+    }
+}

@@ -171,6 +171,25 @@ fn the_edge_of_a_board_does_not_pull_its_outer_corners() {
     assert!(fixed_is_worse >= 5, "only in {fixed_is_worse} of 7 views does a window of 11 px reach the edge");
 }
 
+/// Where the outer squares are cut to half, the ends of the dark ones along the edge look like corners: they are none, as nothing follows them.
+#[test]
+fn the_edge_of_a_cut_board_is_no_row_of_corners() {
+    let camera = camera();
+    // A search that finds nothing tries everything: three views are enough.
+    for outer in [0.45, 0.55] {
+        for (i, pose) in poses().iter().enumerate().step_by(5) {
+            let image = picture(&BOARD, &camera, pose, Look { outer, ..CLEAR }, i as u64);
+            find(&image);
+            for (cols, rows) in [(8, 6), (9, 5)] {
+                let found = find_board(&image, &Board { cols, rows, ..BOARD }, &BoardSearch::default());
+                let error = found.map(drop).expect_err("a line too many");
+                let known = matches!(error, BoardError::Edge { .. } | BoardError::NotFound { .. });
+                assert!(known, "{outer}, view {i}: {error}");
+            }
+        }
+    }
+}
+
 #[test]
 fn what_is_no_board_or_another_one_says_so() {
     let camera = camera();
@@ -255,6 +274,57 @@ fn views_that_do_not_determine_the_camera_are_errors() {
     assert_eq!(keep(&[one, short]), CalibrationError::Corners { view: 1, found: 7, needed: 40 });
 }
 
+/// Corners with noise of so many pixels.
+fn noisy(view: BoardView, sigma: f64, rng: &mut rand_pcg::Pcg64) -> BoardView {
+    let noise = Normal::new(0.0, sigma).expect("a sigma");
+    let moved = |c: [f64; 2]| c.map(|v| v + noise.sample(rng));
+    BoardView { corners: view.corners.into_iter().map(moved).collect() }
+}
+
+/// Four tilted boards near the middle of the image tell the camera, but not k3: left free it runs off until the lens folds the image's corners
+/// over, and the whole set would be refused.
+#[test]
+fn views_that_do_not_tell_k3_are_used_without_it() {
+    let mut kept = 0;
+    for seed in 0..30 {
+        let mut rng = rand_pcg::Pcg64::seed_from_u64(seed);
+        let views: Vec<BoardView> = poses()[1..5].iter().map(|p| noisy(ideal(&camera(), p), 0.2, &mut rng)).collect();
+        let found = calibrate_camera(&BOARD, &views, (400, 300), Fixed::default(), None, Outliers::Keep);
+        let found = found.unwrap_or_else(|e| panic!("seed {seed}: {e}"));
+        found.camera.validate().expect("usable all over the image");
+        assert!((found.camera.fx / camera().fx - 1.0).abs() < 0.02, "seed {seed}: {:?}", found.camera);
+        if found.kept_k3 {
+            kept += 1;
+            assert_eq!((found.camera.distortion[4], found.sigma.distortion[4]), (0.0, 0.0));
+            let fixed = Fixed { k3: true, ..Fixed::default() };
+            let by_hand = calibrate_camera(&BOARD, &views, (400, 300), fixed, None, Outliers::Keep).expect("the same");
+            assert!(by_hand.camera == found.camera && !by_hand.kept_k3);
+        }
+    }
+    println!("k3 was kept in {kept} of 30 sets");
+    assert!(kept >= 3, "{kept}");
+}
+
+/// Of parallel boards the lens found folds as well; what is to be done is to tilt them.
+#[test]
+fn nearly_parallel_boards_are_called_so_whatever_lens_they_give() {
+    for tilt in [1.0f64, 4.0] {
+        for seed in 0..10 {
+            let mut rng = rand_pcg::Pcg64::seed_from_u64(seed);
+            let views: Vec<BoardView> = (0..5)
+                .map(|i| {
+                    let f = f64::from(i) - 2.0;
+                    let turns = [0.2 * tilt.to_radians() * f, -0.1 * tilt.to_radians() * f, 0.02 * f];
+                    let at = [0.03 * f, 0.02 * f, 0.45 + 0.02 * f];
+                    noisy(ideal(&camera(), &pose(&BOARD, at, turns)), 0.15, &mut rng)
+                })
+                .collect();
+            let error = calibrated(&views, Fixed::default(), Outliers::Keep).expect_err("parallel");
+            assert!(matches!(error, CalibrationError::IllConditioned { .. }), "{tilt}°, seed {seed}: {error}");
+        }
+    }
+}
+
 #[test]
 fn an_outlier_is_named_and_can_be_dropped() {
     let mut views: Vec<BoardView> = poses().iter().map(|p| ideal(&camera(), p)).collect();
@@ -304,4 +374,17 @@ fn boards_seen_by_two_cameras_give_their_mounting() {
     assert!(off < 5.0 * predicted, "{off} ± {predicted}");
     let unpaired = paired_extrinsics(&BOARD, [&camera(), &color], &first, &second[1..]).expect_err("one is missing");
     assert_eq!(unpaired, CalibrationError::Unpaired { first: 11, second: 10 });
+    assert!(found.apart.iter().all(|apart| !apart), "{:?}", found.pair_rms);
+    // Each with the next one's partner; two exchanged; a board that moved by a few pixels in between.
+    let shifted = [&second[1..], &second[..1]].concat();
+    let error = paired_extrinsics(&BOARD, [&camera(), &color], &first, &shifted).expect_err("not one fits");
+    assert!(matches!(error, CalibrationError::PairsDisagree { pairs: 11, .. }), "{error}");
+    let mut exchanged = second.clone();
+    exchanged.swap(2, 5);
+    let error = paired_extrinsics(&BOARD, [&camera(), &color], &first, &exchanged).expect_err("two do not fit");
+    assert!(matches!(&error, CalibrationError::PairsDisagree { apart, .. } if *apart == [2, 5]), "{error}");
+    let mut moved = second.clone();
+    moved[4].corners.iter_mut().for_each(|c| c[0] += 4.0);
+    let found = paired_extrinsics(&BOARD, [&camera(), &color], &first, &moved).expect("nearly all fit");
+    assert_eq!((0..11).filter(|&i| found.apart[i]).collect::<Vec<_>>(), [4], "{:?}", found.pair_rms);
 }

@@ -116,3 +116,28 @@ fn corners_of_opencv_give_opencvs_camera() {
         }
     }
 }
+
+/// The board's outer squares are cut to half: a description with one line too many must not be met by its edge.
+#[test]
+fn a_board_announced_a_line_too_large_is_not_found() {
+    let Some(folder) = folder() else { return };
+    for i in 1..=14 {
+        let name = format!("left{i:02}.jpg");
+        let image = read_gray(folder.join(&name)).expect("an image");
+        for (cols, rows) in [(9, 7), (10, 6)] {
+            let found = find_board(&image, &Board { cols, rows, ..BOARD }, &BoardSearch::default());
+            assert!(found.is_err(), "{name}: {cols}×{rows}");
+        }
+    }
+}
+
+/// Five pictures do not tell k3: they are used without it, and still give the camera.
+#[test]
+fn few_of_the_pictures_are_enough_without_k3() {
+    let Some(folder) = folder() else { return };
+    let all: Vec<BoardView> = views(&folder, None).into_iter().map(|f| f.1).collect();
+    let (few, whole) = (calibrate(&all[..5]), calibrate(&all));
+    assert!(few.kept_k3 && !whole.kept_k3);
+    println!("fx {:.2} of five, {:.2} of fourteen", few.camera.fx, whole.camera.fx);
+    assert!((few.camera.fx / whole.camera.fx - 1.0).abs() < 0.02, "{}", few.camera.fx);
+}

@@ -1,7 +1,7 @@
 //! Calibration of a gel: that presses of balls do not tell the size of a pixel, and real gels (`../shared/data/tactile`, or the
 //! folder `PALPATE_DATA` names).
 
-use palpate::calibrate::gel::{GelParams, MapKind, Quality, calibrate_gel};
+use palpate::calibrate::gel::{GelError, GelParams, MapKind, Quality, calibrate_gel};
 use palpate::geometry::Raster;
 use palpate::io::read_color;
 use std::path::{Path, PathBuf};
@@ -93,9 +93,15 @@ fn ten_presses_of_a_gelsight_mini_decode_the_others() {
     let params = GelParams { pitch: 8e-5, map: MapKind::Quadratic, markers: false, seed: 0 };
     let gel = calibrate_gel(&calibration, &background, &params).expect("clear presses");
     assert_eq!(gel.used.len(), 10);
-    let held_out = gel.measure(&others).expect("the same background");
+    let (held_out, left_out) = gel.measure(&others).expect("the same background");
     say("held out", &held_out);
-    assert_eq!(held_out.presses.len(), 26, "13 of 49 are cut, faint or lopsided");
+    assert_eq!((held_out.presses.len(), left_out.len()), (26, 13), "13 of 49 are cut, faint or lopsided");
+    // Nothing is measured on what was calibrated with, and no press counts twice.
+    let seen = gel.measure(&calibration).expect_err("all were calibrated with");
+    assert!(matches!(&seen, GelError::NothingToMeasure { left_out } if left_out.len() == 10), "{seen}");
+    let twice = vec![calibration[0].clone(); 5];
+    let repeated = calibrate_gel(&twice, &background, &params).expect_err("one press");
+    assert!(matches!(repeated, GelError::TooFewPresses { found: 1, .. }), "{repeated}");
     assert!(held_out.radius_error().abs() < 0.05, "{}", held_out.radius_error());
     assert!(held_out.residual_share() < 0.10, "{}", held_out.residual_share());
 }

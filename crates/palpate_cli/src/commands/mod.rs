@@ -25,12 +25,19 @@ pub(crate) mod symmetry;
 #[cfg(feature = "nn")]
 pub(crate) mod train;
 
+use crate::targets::one_name;
 use palpate::io;
 use std::path::Path;
 
 /// Copies a gel's calibration into a scene's folder, where `reconstruct` finds it: sensor.toml and what it names.
+///
+/// The file that is there already stays as it is.
 pub(crate) fn copy_calibration(from: &Path, scene: &Path) -> anyhow::Result<()> {
+    let target = scene.join("sensor.toml");
+    if one_name(from) == one_name(&target) {
+        return Ok(());
+    }
     let file = io::read_sensor(from)?;
-    io::copy_sensor(scene.join("sensor.toml"), &file)?;
+    io::copy_sensor(target, &file)?;
     Ok(())
 }

@@ -1,4 +1,5 @@
 use crate::Outcome;
+use crate::targets::Targets;
 use anyhow::ensure;
 use palpate::camera::{PinholeCamera, register_color, register_depth, undistort_color, undistort_depth};
 use palpate::io::{
@@ -59,6 +60,9 @@ pub(crate) fn run(args: Args) -> anyhow::Result<Outcome> {
         "--metres-per-unit {}: a finite number > 0 is needed",
         args.metres_per_unit
     );
+    let mut targets =
+        Targets::keep([&args.depth, &args.color, &args.depth_camera, &args.color_camera, &args.extrinsics]);
+    targets.files_in(&args.output, ["depth.png", "color.png", "camera.toml"].map(|name| (name, "--output")))?;
     let (depth_file, color_file) = (read_camera(&args.depth_camera)?, read_camera(&args.color_camera)?);
     let mounting = read_extrinsics(&args.extrinsics)?;
     let depth = read_depth_png(&args.depth, args.metres_per_unit)?;

@@ -137,6 +137,125 @@ fn images_without_a_board_among_good_ones_are_left_out_and_named() {
     assert_eq!(std::fs::read_to_string(bench.path("camera.toml")).expect("written"), file, "they change nothing");
 }
 
+/// Six views of [`tilted`], by their names.
+fn six_views(bench: &Bench, folder: &str) -> Vec<String> {
+    let views =
+        [(0.5, 0.0, 0.0), (-0.5, 0.1, 0.03), (0.1, 0.5, -0.03), (0.0, -0.5, 0.02), (0.4, 0.4, -0.02), (-0.3, 0.4, 0.0)];
+    std::fs::create_dir_all(bench.path(folder)).expect("made");
+    let put = |(i, (x, y, aside)): (usize, (f64, f64, f64))| {
+        let name = format!("{folder}/{i}.png");
+        bench.put(&name, &tilted(x, y, aside));
+        name
+    };
+    views.into_iter().enumerate().map(put).collect()
+}
+
+#[test]
+fn nothing_that_is_read_is_overwritten() {
+    let bench = Bench::new();
+    let views = six_views(&bench, "a");
+    let views: Vec<&str> = views.iter().map(String::as_str).collect();
+    let before = std::fs::read(bench.path("a/0.png")).expect("there");
+    let run =
+        |images: &[&str], flags: &[&str]| bench.camera_with("5x4", images, &[&["--fix", "distortion"], flags].concat());
+    // Into the folder of the pictures.
+    let here = bench.path("a");
+    run(&views, &["--undistort", &here]).expect(1, &["--undistort", "would overwrite", "a/0.png, which is read"]);
+    let around = bench.path("a/../a/.");
+    run(&views, &["--undistort", &around]).expect(1, &["would overwrite"]);
+    let picture = bench.path("a/0.png");
+    run(&views, &["--coverage", &picture]).expect(1, &["--coverage would overwrite", "a/0.png, which is read"]);
+    // One file for two things.
+    let camera = bench.path("camera.toml");
+    run(&views, &["--coverage", &camera]).expect(1, &["--output and --coverage would both be", "camera.toml"]);
+    // Fourteen pictures, seven names.
+    six_views(&bench, "b");
+    let flat = bench.path("flat");
+    let both = run(&["a", "b"], &["--undistort", &flat]);
+    both.expect(1, &["a/0.png and ", "b/0.png would both be", "flat/0.png"]);
+    // A file where a folder is needed.
+    std::fs::write(bench.path("file"), "mine").expect("written");
+    let file = bench.path("file");
+    run(&views, &["--undistort", &file]).expect(1, &["file is a file, a folder is needed"]);
+    assert!(!bench.exists("camera.toml") && !bench.exists("flat"), "half a result is none");
+    assert_eq!(std::fs::read(bench.path("a/0.png")).expect("there"), before);
+    // A picture in place of the camera's file.
+    let mut args: Vec<String> = ["calibrate", "camera"].map(str::to_owned).into();
+    args.extend(views.iter().map(|v| bench.path(v)));
+    args.extend(["--board", "5x4", "--square", "0.02", "--output"].map(str::to_owned));
+    args.push(bench.path("a/0.png"));
+    palpate(args).expect(1, &["--output would overwrite", "a/0.png, which is read"]);
+    assert_eq!(std::fs::read(bench.path("a/0.png")).expect("there"), before);
+    run(&[&views[..], &["a/0.png"]].concat(), &["--undistort", &flat]).expect(3, &["repeats another view"]);
+    assert!(bench.exists("flat/5.png") && bench.exists("camera.toml"));
+}
+
+#[test]
+fn infrared_pictures_stay_infrared_without_distortion() {
+    use palpate::io::{read_depth_png, write_depth_png};
+    let bench = Bench::new();
+    let views = six_views(&bench, "a");
+    let views: Vec<&str> = views.iter().map(String::as_str).collect();
+    for name in &views {
+        // 16 bits of grey as a sensor gives them: a few thousand at most.
+        let image = palpate::io::read_gray(bench.path(name)).expect("written");
+        write_depth_png(bench.path(name), &image.map(|v| 10.0 * v), 1.0).expect("written");
+    }
+    let flat = bench.path("flat");
+    bench.camera_with("5x4", &views, &["--fix", "distortion", "--undistort", &flat]).expect(0, &[]);
+    let grey = |name: &str| read_depth_png(bench.path(name), 1.0).expect("16-bit grey");
+    let (before, after) = (grey("a/0.png"), grey("flat/0.png"));
+    assert_eq!((after[(5, 5)], after[(120, 160)]), (before[(5, 5)], before[(120, 160)]));
+}
+
+#[test]
+fn pictures_that_do_not_fit_the_camera_are_doubted() {
+    let bench = Bench::new();
+    let views = six_views(&bench, "a");
+    let views: Vec<&str> = views.iter().map(String::as_str).collect();
+    // A camera that is kept, and is another's: it sees 15 % too narrow from top to bottom.
+    let other = "[camera]\nwidth = 320\nheight = 240\nfx = 300.0\nfy = 345.0\ncx = 159.5\ncy = 119.5\n";
+    std::fs::write(bench.path("other.toml"), other).expect("written");
+    let start = bench.path("other.toml");
+    let said = bench.camera_with("5x4", &views, &["--fix", "focal,centre,distortion", "--start", &start]);
+    said.expect(3, &["6 views", "is over 0.5 px", "pictures of two cameras"]);
+}
+
+#[test]
+fn pairs_that_do_not_belong_together_give_no_mounting() {
+    let bench = Bench::new();
+    let views = six_views(&bench, "a");
+    let views: Vec<&str> = views.iter().map(String::as_str).collect();
+    bench.camera_with("5x4", &views, &["--fix", "distortion"]).expect(0, &[]);
+    let run = |depth: &[&str], color: &[&str]| {
+        let paths = |names: &[&str]| names.iter().map(|n| bench.path(n)).collect::<Vec<_>>();
+        let (depth, color, camera, output) =
+            (paths(depth), paths(color), bench.path("camera.toml"), bench.path("mounting.toml"));
+        let mut args: Vec<&str> = vec!["calibrate", "extrinsics", "--depth"];
+        args.extend(depth.iter().map(String::as_str));
+        args.push("--color");
+        args.extend(color.iter().map(String::as_str));
+        args.extend(["--depth-camera", &camera, "--color-camera", &camera, "--board", "5x4", "--square", "0.02"]);
+        args.extend(["--output", &output]);
+        palpate(args)
+    };
+    // Shifted by one: each board with the one before.
+    let shifted = [&views[1..], &views[..1]].concat();
+    run(&views, &shifted).expect(1, &["6 pairs", "do the pairs belong together"]);
+    assert!(!bench.exists("mounting.toml"));
+    run(&views, &views).expect(0, &["6 pairs, rms 0."]);
+    // Two exchanged among six: these are named.
+    let exchanged = [views[0], views[2], views[1], views[3], views[4], views[5]];
+    let said = run(&views, &exchanged);
+    said.expect(1, &["1.png and 2.png contradict most others", "2.png and 1.png contradict most others"]);
+    assert!(!said.err.contains("4.png and 4.png"), "{}", said.err);
+    run(&views[..2], &views[..2]).expect(0, &["2 of the 3 pairs that can show a wrong one"]);
+    let camera = bench.path("camera.toml");
+    let args = ["calibrate", "extrinsics", "--depth", &bench.path("a"), "--color", &bench.path("a"), "--depth-camera"];
+    let rest = [&camera, "--color-camera", &camera, "--board", "5x4", "--square", "0.02", "--output", &camera];
+    palpate([&args[..], &rest].concat()).expect(1, &["--output would overwrite", "camera.toml, which is read"]);
+}
+
 const BALL: f64 = 25.0;
 const CONTACT: f64 = 17.0;
 const PITCH: f64 = 8e-5;
@@ -278,6 +397,52 @@ fn presses_that_cannot_be_used_say_why() {
 }
 
 #[test]
+fn presses_that_repeat_others_prove_nothing() {
+    let bench = gel_bench();
+    let flags = ["--ball-radius", "0.002", "--pixel-pitch", "0.00008"];
+    bench.put("copy.png", &press(PLACES[0])).put("again.png", &press(PLACES[0]));
+    let five = bench.gel(&["a.png", "copy.png", "again.png", "a.png", "a.png"], &flags);
+    five.expect(1, &["copy.png: the press repeats ", "a.png", "1 usable presses; at least 3"]);
+    assert!(!bench.exists("sensor.toml"));
+    bench
+        .gel(&[&PRESSES[..5], &["copy.png"]].concat(), &flags)
+        .expect(3, &["copy.png: the press repeats", "5 presses"]);
+    let held_out = |names: &[&str]| {
+        let paths: Vec<String> = names.iter().map(|n| bench.path(n)).collect();
+        let paths: Vec<&str> = paths.iter().map(String::as_str).collect();
+        bench.gel(&PRESSES[..5], &[&flags[..], &["--held-out"], &paths].concat())
+    };
+    held_out(&["f.png", "copy.png"])
+        .expect(3, &["copy.png: the press was calibrated with, as ", "held out: 1 presses"]);
+    std::fs::remove_file(bench.path("sensor.toml")).expect("written");
+    held_out(&PRESSES[..5]).expect(1, &["e.png: the press was calibrated with", "none of the 5 held-out presses"]);
+    assert!(!bench.exists("sensor.toml"));
+}
+
+/// The ball of 2 mm is pressed 0.54 mm deep; by a diameter for the radius it would be 0.24 mm.
+#[test]
+fn the_depth_of_the_presses_is_asked_for() {
+    let bench = gel_bench();
+    for (radius, depth) in [("0.002", "0.54 mm deep"), ("0.004", "0.24 mm deep")] {
+        let said = bench.gel(&PRESSES, &["--ball-radius", radius, "--pixel-pitch", "0.00008"]);
+        assert!(said.out.contains(depth) && said.out.contains("may be a diameter"), "{}\n{}", said.out, said.err);
+    }
+}
+
+#[test]
+fn a_sensor_does_not_overwrite_what_it_is_made_of() {
+    let bench = gel_bench();
+    let flags = ["--ball-radius", "0.002", "--pixel-pitch", "0.00008"];
+    // The background's own name is a press.
+    bench.put("sensor_background.png", &press(PLACES[5]));
+    let before = std::fs::read(bench.path("sensor_background.png")).expect("there");
+    let said = bench.gel(&[&PRESSES[..4], &["sensor_background.png"]].concat(), &flags);
+    said.expect(1, &["the background beside --output would overwrite", "sensor_background.png, which is read"]);
+    assert_eq!(std::fs::read(bench.path("sensor_background.png")).expect("there"), before);
+    assert!(!bench.exists("sensor.toml"));
+}
+
+#[test]
 fn a_sensor_file_that_is_wrong_names_its_key() {
     let bench = gel_bench();
     bench.gel(&PRESSES, &["--ball-radius", "0.002", "--pixel-pitch", "0.00008"]).expect(0, &[]);
@@ -322,5 +487,7 @@ fn records_of_a_robot_that_are_wrong_say_why() {
     let sound = record.replace("[0.0, 0.0, 0.0, 0.0]", "[0.0, 0.0, 0.0, 1.0]");
     run(&sound, &["--target", "ball"]).expect(1, &["needs --ball-radius and --sensor"]);
     run(&sound, &["--target", "board"]).expect(1, &["needs --camera, --board and --square"]);
+    let over = sound.replace("a.png", "pose.toml");
+    run(&over, &["--target", "ball"]).expect(1, &["--output would overwrite", "pose.toml, which is read"]);
     assert!(!bench.exists("pose.toml"));
 }

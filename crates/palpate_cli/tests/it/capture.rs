@@ -77,12 +77,65 @@ fn a_contact_without_a_pose_is_lost_and_said() {
     let frames = shop.text("frames");
     let said = capture(&shop, &["--frames", &frames, "--pose", "-"], "");
     said.expect(3, &["a contact was not saved", "there is no pose for touch 2", "0 touches added"]);
+    assert!(said.err.contains("2 contacts settled and were not saved"), "{}", said.err);
+    assert!(!said.err.contains("no contact settled"), "{}", said.err);
     assert_eq!(std::fs::read(shop.path("s/scene.toml")).expect("there"), before);
     let said = capture(&shop, &["--frames", &frames, "--pose", "-"], &format!("1 2 3\n{SECOND}"));
     said.expect(3, &["'1 2 3' is no pose: seven numbers", "1 touches added, 3 in all"]);
     let missing = format!("file:{}", shop.text("nowhere.txt"));
     let said = capture(&shop, &["--frames", &frames, "--pose", &missing, "--pose-timeout", "0.1"], "");
     said.expect(3, &["no pose for touch 3", "nowhere.txt"]);
+}
+
+/// A calibrated sensor whose no-contact image is [`frame`] without a press.
+fn sensor(folder: &Path) -> String {
+    let text = "format = 2\n\n[sensor]\nmodel = \"custom\"\nwidth = 320\nheight = 240\npixel_pitch = 6e-5\nbackground = \"bg.png\"\n\n[gel]\n\
+                map = \"quadratic\"\nmarkers = false\n";
+    write_color(folder.join("bg.png"), &frame(0.0)).expect("written");
+    let weights = vec![0.0f32; 108];
+    std::fs::write(folder.join("gel.toml"), format!("{text}weights = {weights:?}\n")).expect("written");
+    folder.join("gel.toml").display().to_string()
+}
+
+#[test]
+fn frames_of_another_order_than_the_sensors_are_refused_as_by_decode() {
+    let shop = Workshop::new();
+    let before = std::fs::read(shop.path("s/scene.toml")).expect("there");
+    record(&shop.path("frames"), 1);
+    let (frames, sensor) = (shop.text("frames"), sensor(shop.path("s").parent().expect("a folder")));
+    let run = |more: &[&str]| {
+        capture(&shop, &[&["--frames", &frames, "--pose", "-", "--sensor", &sensor], more].concat(), FIRST)
+    };
+    for entry in std::fs::read_dir(shop.path("frames")).expect("there") {
+        let path = entry.expect("an entry").path();
+        let image = palpate::io::read_color(&path).expect("written");
+        write_color(&path, &image.map(|[r, g, b]| [*b, *g, *r])).expect("written");
+    }
+    let said = ["red and blue exchanged", "against the no-contact image of ", "gel.toml"];
+    run(&[]).expect(1, &said);
+    let background = shop.text("bg.png");
+    run(&["--background", &background]).expect(1, &[&said[..], &["a frame: "]].concat());
+    assert_eq!(std::fs::read(shop.path("s/scene.toml")).expect("there"), before);
+    assert!(!shop.path("s/sensor.toml").exists() && !shop.path("s/touches/002.png").exists());
+    record(&shop.path("frames"), 1);
+    run(&[]).expect(0, &["1 touches added"]);
+    assert!(shop.path("s/sensor.toml").exists());
+}
+
+#[test]
+fn a_pose_in_millimetres_is_no_pose() {
+    let shop = Workshop::new();
+    record(&shop.path("frames"), 2);
+    let frames = shop.text("frames");
+    let said = capture(&shop, &["--frames", &frames, "--pose", "-"], &format!("100 0 300 1 0 0 0\n{SECOND}"));
+    said.expect(
+        3,
+        &[
+            "the pose (100.000, 0.000, 300.000) m is 315.8 m from the camera",
+            "are these millimetres?",
+            "1 touches added, 3 in all",
+        ],
+    );
 }
 
 #[test]

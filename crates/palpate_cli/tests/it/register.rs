@@ -68,3 +68,20 @@ fn what_does_not_belong_together_is_said_and_nothing_is_written() {
     pair.register(&[]).expect(1, &["depth.png"]);
     assert!(!std::path::Path::new(&pair.path("out")).exists());
 }
+
+#[test]
+fn the_folder_of_the_originals_is_no_place_for_the_results() {
+    let pair = Pair::new();
+    let before = std::fs::read(pair.path("depth.png")).expect("there");
+    let here = pair.path("out");
+    std::fs::create_dir(&here).expect("made");
+    for name in ["depth.png", "color.png", "camera.toml", "mounting.toml"] {
+        std::fs::copy(pair.path(name), pair.path(&format!("out/{name}"))).expect("copied");
+    }
+    let [depth, color, camera, mounting] =
+        ["out/depth.png", "out/color.png", "camera.toml", "mounting.toml"].map(|name| pair.path(name));
+    let args = ["register", "--depth", &depth, "--color", &color, "--depth-camera", &camera, "--color-camera", &camera];
+    let said = palpate([&args[..], &["--extrinsics", &mounting, "--output", &here]].concat());
+    said.expect(1, &["--output would overwrite", "depth.png, which is read"]);
+    assert_eq!(std::fs::read(depth).expect("there"), before);
+}

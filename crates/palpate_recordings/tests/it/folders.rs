@@ -45,6 +45,10 @@ fn a_frame_of_tum_is_read_in_fifth_millimetres() {
     assert_eq!(frame.world_from_camera.translation.vector, Vector::new(0.1, 0.2, 0.3));
     let second = import_tum(folder.path(), Some(2.0), &CAMERA).expect("a frame");
     assert!(second.scene.frame.color.is_none() && second.warnings[0].contains("rgb.txt has nothing within"));
+    std::fs::rename(folder.path().join("groundtruth.txt"), folder.path().join("lost.txt")).expect("there");
+    let lost = import_tum(folder.path(), None, &CAMERA).expect("a frame");
+    assert_eq!(lost.warnings, ["there is no groundtruth.txt: the world is the camera's frame"]);
+    std::fs::rename(folder.path().join("lost.txt"), folder.path().join("groundtruth.txt")).expect("there");
     let fails = |time| import_tum(folder.path(), Some(time), &CAMERA).expect_err("no such frame").to_string();
     assert!(fails(3.0).contains("nothing within 0.02 s of 3; the nearest is 2"), "{}", fails(3.0));
     put(folder.path(), "depth.txt", "now depth/a.png\n");
@@ -76,6 +80,14 @@ fn a_frame_of_bop_is_read_in_its_units() {
     let fails = |image, object| import_bop(path, BopFrame { image, object }).expect_err("wrong").to_string();
     assert!(fails(7, None).contains("has no image 7; there are 0"), "{}", fails(7, None));
     assert!(fails(0, Some(3)).contains("mask_visib/000000_000003.png is missing"), "{}", fails(0, Some(3)));
+    assert!(imported.warnings.is_empty());
+    put(
+        path,
+        "scene_camera.json",
+        r#"{"0": {"cam_K": [20.0, 0.0, 7.5, 0.0, 20.0, 5.5, 0.0, 0.0, 1.0], "depth_scale": 0.1}}"#,
+    );
+    let nowhere = import_bop(path, BopFrame { image: 0, object: None }).expect("a frame");
+    assert!(nowhere.warnings[0].contains("no cam_R_w2c and cam_t_w2c of image 0: the world is the camera's frame"));
     put(path, "scene_camera.json", "{\"0\": {}}");
     assert!(fails(0, None).contains("cam_K"), "{}", fails(0, None));
 }

@@ -221,6 +221,8 @@ fn hostile_bytes_are_errors() {
         let _ = read(&bad);
         let _ = import_recording(&RecordingSpec { allow_truncated: true, ..spec(&path) });
     }
+    let outside = fails(&RecordingSpec { time: Some(999.0), ..spec(&fixture()) });
+    assert!(outside.contains("has no depth image at 999 s; it was recorded from 100.000 to"), "{outside}");
     let error = summarise(folder.path().join("none.mcap").as_path(), false).expect_err("missing").to_string();
     assert!(error.contains("cannot read") && error.contains("none.mcap"), "{error}");
     let empty = tempfile::tempdir().expect("temporary folder");

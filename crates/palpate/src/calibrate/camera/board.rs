@@ -111,7 +111,7 @@ pub fn find_board(image: &Raster<f32>, board: &Board, search: &BoardSearch) -> R
         return Err(BoardError::NoContrast { range: (high - low).max(0.0) });
     }
     let mut best = (0, (0, 0));
-    let mut larger = None;
+    let (mut larger, mut edge) = (None, false);
     for attempt in corners::ATTEMPTS {
         let picture = corners::prepare(image, (low, high), attempt);
         let found = corners::detect(&picture, attempt.shrink);
@@ -119,6 +119,7 @@ pub fn find_board(image: &Raster<f32>, board: &Board, search: &BoardSearch) -> R
             match choose(&grid, &found, &picture, attempt.shrink, board) {
                 Choice::Board(view) => return Ok(finish(view, image, board, search)),
                 Choice::Larger(size) => larger = larger.or(Some(size)),
+                Choice::Edge => edge = true,
                 Choice::No => {}
             }
             if grid.size().0 * grid.size().1 > best.1.0 * best.1.1 {
@@ -130,6 +131,7 @@ pub fn find_board(image: &Raster<f32>, board: &Board, search: &BoardSearch) -> R
     let Board { cols, rows, .. } = *board;
     Err(match larger {
         Some(found) => BoardError::Larger { cols, rows, found },
+        None if edge => BoardError::Edge { cols, rows },
         None => BoardError::NotFound { cols, rows, corners: best.0, largest: best.1 },
     })
 }
@@ -137,6 +139,8 @@ pub fn find_board(image: &Raster<f32>, board: &Board, search: &BoardSearch) -> R
 enum Choice {
     Board(Vec<[f64; 2]>),
     Larger((usize, usize)),
+    /// One of its lines is the edge of a board.
+    Edge,
     No,
 }
 
@@ -150,8 +154,13 @@ fn choose(grid: &Grid, found: &[Corner], picture: &Raster<f32>, scale: usize, bo
         candidates.extend(turned.windows(board.cols, board.rows).into_iter().map(|w| (turned.clone(), w)));
     }
     candidates.sort_by(|a, b| b.1.filled.cmp(&a.1.filled).then(b.1.response.total_cmp(&a.1.response)));
+    let mut choice = Choice::No;
     for (grid, window) in candidates.iter().take(4) {
         let Some(places) = grid.complete(window, (board.cols, board.rows), found, picture) else { continue };
+        if !grid::rimmed(picture, &places, board.cols) {
+            choice = Choice::Edge;
+            continue;
+        }
         if let Some(size) = grid.grows(window, (board.cols, board.rows), found) {
             return Choice::Larger(size);
         }
@@ -159,7 +168,7 @@ fn choose(grid: &Grid, found: &[Corner], picture: &Raster<f32>, scale: usize, bo
         // Pixel centres of a picture shrunk by n lie at n·u + (n − 1)/2.
         return Choice::Board(places.into_iter().map(|p| p.map(|v| v * scale + 0.5 * (scale - 1.0))).collect());
     }
-    Choice::No
+    choice
 }
 
 /// Corners to a fraction of a pixel, and the first one first.

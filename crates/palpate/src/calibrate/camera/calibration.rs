@@ -1,7 +1,7 @@
 use super::bundle::{self, Bundle};
 use super::start::{start_camera, start_pose};
 use super::{Board, BoardView, CalibrationError, Fixed};
-use crate::camera::PinholeCamera;
+use crate::camera::{CameraError, PinholeCamera};
 use crate::geometry::{Isometry, Vector};
 
 /// Views needed.
@@ -70,6 +70,8 @@ pub struct CameraCalibration {
     pub views: Vec<CalibratedView>,
     /// Largest angle between two boards' normals, degrees.
     pub tilts: f64,
+    /// Whether k3 was kept though it was not fixed: with it the distortion folds the image over itself.
+    pub kept_k3: bool,
 }
 
 /// Calibrates a camera from boards in at least three different views.
@@ -90,12 +92,12 @@ pub fn calibrate_camera(
     check_corners(board, views)?;
     let mut used = different(views);
     enough(&used)?;
-    let mut found = solve(board, views, &used, size, fixed, start)?;
+    let (mut found, mut solved) = solve_unfolded(board, views, &used, size, fixed, start)?;
     let flags = outlying(&found.camera, board, views)?;
     if outliers == Outliers::Drop && flags.iter().zip(&used).any(|(flag, used)| *flag && *used) {
         used.iter_mut().zip(&flags).for_each(|(used, flag)| *used &= !flag);
         enough(&used)?;
-        found = solve(board, views, &used, size, fixed, start)?;
+        (found, solved) = solve_unfolded(board, views, &used, size, fixed, start)?;
     }
     let mut calibrated = Vec::with_capacity(views.len());
     for (i, view) in views.iter().enumerate() {
@@ -104,11 +106,43 @@ pub fn calibrate_camera(
     }
     let tilts = tilts(calibrated.iter().filter(|v| v.used).map(|v| v.camera_from_board));
     let corners = (used.iter().filter(|u| **u).count() * board.len()) as f64;
-    let sigma = deviations(&found, fixed, corners);
-    found.camera.validate()?;
+    let sigma = deviations(&found, solved, corners);
     check_conditions(&found.camera, sigma, tilts)?;
     let rms = (found.sum / corners).sqrt();
-    Ok(CameraCalibration { camera: found.camera, sigma: sigma.unwrap_or_default(), rms, views: calibrated, tilts })
+    let (sigma, kept_k3) = (sigma.unwrap_or_default(), solved.k3 && !fixed.k3);
+    Ok(CameraCalibration { camera: found.camera, sigma, rms, views: calibrated, tilts, kept_k3 })
+}
+
+fn valid(camera: &PinholeCamera) -> Result<(), CalibrationError> {
+    camera.validate().map_err(|error| match error {
+        CameraError::NotInvertible { u, v, .. } => CalibrationError::Folded { u, v },
+        other => CalibrationError::Camera(other),
+    })
+}
+
+/// [`solve`], and again with k3 kept if the lens found folds the image over itself: of few views k3 is the term that runs off. Also
+/// what was fixed in the end.
+fn solve_unfolded(
+    board: &Board,
+    views: &[BoardView],
+    used: &[bool],
+    size: (usize, usize),
+    fixed: Fixed,
+    start: Option<&PinholeCamera>,
+) -> Result<(Bundle, Fixed), CalibrationError> {
+    let mut fixed = fixed;
+    let mut found = solve(board, views, used, size, fixed, start)?;
+    if !fixed.k3 && valid(&found.camera).is_err() {
+        fixed.k3 = true;
+        found = solve(board, views, used, size, fixed, start)?;
+    }
+    if let Err(error) = valid(&found.camera) {
+        // Views that determine nothing give a lens that cannot be, too: then that is the reason.
+        let corners = (found.poses.len() * board.len()) as f64;
+        check_conditions(&found.camera, deviations(&found, fixed, corners), tilts(found.poses.iter().copied()))?;
+        return Err(error);
+    }
+    Ok((found, fixed))
 }
 
 pub(super) fn check_corners(board: &Board, views: &[BoardView]) -> Result<(), CalibrationError> {

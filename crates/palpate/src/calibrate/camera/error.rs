@@ -44,6 +44,17 @@ pub enum BoardError {
         /// Columns and rows of the largest grid that they form.
         largest: (usize, usize),
     },
+    /// A line of the board's corners is its edge.
+    #[error(
+        "no board of {cols}×{rows} inner corners: with so many, an outer line of them is the board's edge, beyond which no squares follow (inner \
+         corners are counted, where four squares meet)"
+    )]
+    Edge {
+        /// Corners announced along the board.
+        cols: usize,
+        /// Corners announced across it.
+        rows: usize,
+    },
     /// The board has more corners than it should.
     #[error(
         "the board in the image has at least {}×{} inner corners, {cols}×{rows} were announced: count where four squares meet",
@@ -106,8 +117,19 @@ pub enum CalibrationError {
         /// Steps done.
         steps: usize,
     },
+    /// The distortion found folds the image over itself.
+    #[error(
+        "the distortion found folds the image over itself at pixel ({u:.0}, {v:.0}): the boards do not tell the lens there. Cover the \
+         image's border with boards, or keep more of the lens as it is: k3 and k2 (--fix k3,k2), or all of it (--fix distortion)"
+    )]
+    Folded {
+        /// Column of the pixel.
+        u: f64,
+        /// Row of the pixel.
+        v: f64,
+    },
     /// The parameters found are no camera.
-    #[error("the camera found cannot be used: {0}; fix some of the distortion, or cover the image's border with views")]
+    #[error("the camera found cannot be used")]
     Camera(#[from] CameraError),
     /// The corners do not determine a pose.
     #[error("view {view}: the corners do not determine where the board is; are they on one line?")]
@@ -123,6 +145,22 @@ pub enum CalibrationError {
         /// Views of the second.
         second: usize,
     },
+    /// No mounting fits the pairs.
+    #[error(
+        "the corners of {pairs} pairs fit one mounting to {rms:.1} px only, {limit:.0} px are needed: do the pairs belong together, and did the \
+         board rest while both cameras saw it?{}",
+        said(apart)
+    )]
+    PairsDisagree {
+        /// How many there are.
+        pairs: usize,
+        /// Root mean square distance left, pixels.
+        rms: f64,
+        /// The most allowed.
+        limit: f64,
+        /// Pairs that contradict most others, from 0.
+        apart: Vec<usize>,
+    },
     /// The board looks the same from two sides.
     #[error(
         "a board of {cols}×{rows} inner corners looks the same turned by half: where it lies cannot be told. Use one with an even \
@@ -134,4 +172,13 @@ pub enum CalibrationError {
         /// Corners across it.
         rows: usize,
     },
+}
+
+/// Pairs that contradict the others, from 0.
+fn said(apart: &[usize]) -> String {
+    if apart.is_empty() {
+        return String::new();
+    }
+    let pairs: Vec<String> = apart.iter().map(usize::to_string).collect();
+    format!(" Against the others, counted from 0: {}", pairs.join(", "))
 }

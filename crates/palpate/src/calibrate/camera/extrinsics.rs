@@ -5,6 +5,10 @@ use crate::camera::PinholeCamera;
 use crate::geometry::{Isometry, Vector};
 use nalgebra::{Matrix6, SMatrix, Translation3, UnitQuaternion, Vector6};
 
+/// Error from which pairs of pictures are not of one mounting, pixels: cameras that were calibrated leave a few tenths, a wrong order of
+/// the pictures tens.
+const DISAGREE_PX: f64 = 3.0;
+
 /// Where a board is.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct BoardPose {
@@ -41,13 +45,16 @@ pub struct PairedExtrinsics {
     pub rms: f64,
     /// The same for each pair.
     pub pair_rms: Vec<f64>,
+    /// Whether a pair contradicts most others: over three times the median, and over half a pixel.
+    pub apart: Vec<bool>,
 }
 
 /// How two calibrated cameras are mounted, from boards that both saw at the same time: least squares of all corners over that
 /// mounting and the boards' poses.
 ///
 /// # Errors
-/// [`CalibrationError`]: unpaired views, a board that looks the same turned by half, or corners that determine no pose.
+/// [`CalibrationError`]: unpaired views, a board that looks the same turned by half, corners that determine no pose, or pairs that no
+/// mounting fits.
 pub fn paired_extrinsics(
     board: &Board,
     cameras: [&PinholeCamera; 2],
@@ -71,6 +78,8 @@ pub fn paired_extrinsics(
     }
     let mut mounting = middle(&mountings);
     let mut system = System::assemble(board, cameras, first, second, &mounting, &boards);
+    // Before the fit, which wrong pairs pull to themselves: how each agrees with the middle one's mounting.
+    let before = system.rms_of_pairs(board);
     let mut damping = 1e-4;
     for _ in 0..100 {
         let Some((step, steps)) = system.solve(damping) else { break };
@@ -91,17 +100,33 @@ pub fn paired_extrinsics(
         }
     }
     let residuals = 4.0 * (first.len() * board.len()) as f64;
+    let rms = (system.sum / (0.5 * residuals)).sqrt();
+    // Written so that NaN fails too.
+    if !(rms <= DISAGREE_PX) {
+        let flags = apart(&before);
+        let apart = (0..flags.len()).filter(|&i| flags[i]).collect();
+        return Err(CalibrationError::PairsDisagree { pairs: first.len(), rms, limit: DISAGREE_PX, apart });
+    }
     let variance = (system.sum / (residuals - 6.0 - 6.0 * first.len() as f64)).max(0.02f64.powi(2));
     let covariance =
         system.reduced(0.0).and_then(|(m, _)| m.try_inverse()).ok_or(CalibrationError::NoPose { view: 0 })? * variance;
     let sd = |i: usize| covariance[(i, i)].max(0.0).sqrt();
-    let per_pair = 2.0 * board.len() as f64;
+    let pair_rms = system.rms_of_pairs(board);
     Ok(PairedExtrinsics {
         second_from_first: mounting,
         sigma: ([sd(3), sd(4), sd(5)], [sd(0), sd(1), sd(2)]),
-        rms: (system.sum / (0.5 * residuals)).sqrt(),
-        pair_rms: system.pair_sums.iter().map(|s| (s / per_pair).sqrt()).collect(),
+        rms,
+        apart: apart(&pair_rms),
+        pair_rms,
     })
+}
+
+/// Whose error is over three times the median and over half a pixel. Two cannot tell which of them is wrong.
+fn apart(rms: &[f64]) -> Vec<bool> {
+    let mut sorted = rms.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    let limit = (3.0 * sorted[sorted.len() / 2]).max(0.5);
+    rms.iter().map(|&r| rms.len() > 2 && !(r <= limit)).collect()
 }
 
 /// The pose nearest to all in the middle of the list: the one with the least sum of turns to the others.
@@ -183,6 +208,12 @@ impl System {
             system.sum += sum;
         }
         system
+    }
+
+    /// Root mean square distance of the corners of each pair, pixels.
+    fn rms_of_pairs(&self, board: &Board) -> Vec<f64> {
+        let corners = 2.0 * board.len() as f64;
+        self.pair_sums.iter().map(|sum| (sum / corners).sqrt()).collect()
     }
 
     fn reduced(&self, damping: f64) -> Option<(Matrix6<f64>, Vector6<f64>)> {

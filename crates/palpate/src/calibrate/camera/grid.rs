@@ -15,6 +15,10 @@ const PARALLEL: f64 = 0.35;
 const NEAREST: usize = 16;
 /// Share of a board's corners that must be found before the rest is filled in.
 const MOST: f64 = 0.8;
+/// How far beyond its outer corners a board is looked at, as a share of a square: it may be cut to half a square there.
+const BEYOND: f64 = 0.25;
+/// Contrast of the squares there that is needed, as a share of that inside.
+const RIM: f64 = 0.3;
 
 /// Corners by their column and row.
 #[derive(Debug, Clone)]
@@ -295,6 +299,40 @@ fn regular(places: &[[f64; 2]], cols: usize) -> bool {
     let along = (0..rows).all(|y| (2..cols).all(|x| !bends(at(x - 2, y), at(x - 1, y), at(x, y))));
     let across = (0..cols).all(|x| (2..rows).all(|y| !bends(at(x, y - 2), at(x, y - 1), at(x, y))));
     along && across
+}
+
+/// Whether squares go on beyond each of the four outer lines: along the edge of a board whose outer squares are cut, the ends of the dark
+/// ones look like corners too, but what follows is plain.
+pub(super) fn rimmed(picture: &Raster<f32>, places: &[[f64; 2]], cols: usize) -> bool {
+    let rows = places.len() / cols;
+    let line = |n: usize, at: &dyn Fn(usize) -> usize| (0..n).map(|i| places[at(i)]).collect::<Vec<_>>();
+    let lines = [
+        (line(cols, &|x| x), line(cols, &|x| cols + x)),
+        (line(cols, &|x| (rows - 1) * cols + x), line(cols, &|x| (rows - 2) * cols + x)),
+        (line(rows, &|y| y * cols), line(rows, &|y| y * cols + 1)),
+        (line(rows, &|y| y * cols + cols - 1), line(rows, &|y| y * cols + cols - 2)),
+    ];
+    lines.iter().all(|(outer, inner)| {
+        let contrast = |beyond: f64| {
+            // From square to square along the line the grey changes to and fro.
+            let shades: Option<Vec<f64>> = (1..outer.len())
+                .map(|i| {
+                    let middle = |k: usize| 0.5 * (outer[i - 1][k] + outer[i][k]);
+                    let back = |k: usize| 0.5 * (inner[i - 1][k] + inner[i][k]);
+                    let at = [0, 1].map(|k| middle(k) + beyond * (middle(k) - back(k)));
+                    subpixel::sample(picture, at[0], at[1])
+                })
+                .collect();
+            let shades = shades?;
+            let signed = shades.windows(2).enumerate().map(|(i, w)| if i % 2 == 0 { w[0] - w[1] } else { w[1] - w[0] });
+            Some(signed.sum::<f64>() / (shades.len() - 1) as f64)
+        };
+        match (contrast(-BEYOND), contrast(BEYOND)) {
+            (Some(inside), Some(outside)) => -outside * inside.signum() > RIM * inside.abs(),
+            // At the border of the image nothing beyond is to be seen.
+            _ => true,
+        }
+    })
 }
 
 /// Mean grey of the squares like the first less that of the others.

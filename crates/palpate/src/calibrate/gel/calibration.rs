@@ -65,7 +65,7 @@ impl GelCalibration {
 /// * `presses` – images and the radius of the ball in each, metres
 /// * `background` – no-contact image of the same sensor in the same light; its size is the sensor's
 ///
-/// Presses that cannot be used are left out and named.
+/// Presses that cannot be used are left out and named, and so is one that repeats another.
 ///
 /// # Errors
 /// [`GelError`].
@@ -91,12 +91,16 @@ pub fn calibrate_gel(
         .par_iter()
         .map(|(image, radius)| find_press(image, &no_contact, dots.as_ref(), *radius, params.pitch))
         .collect();
-    let (mut used, mut good, mut left_out) = (Vec::new(), Vec::new(), Vec::new());
+    let (mut used, mut good, mut left_out) = (Vec::new(), Vec::<GelPress>::new(), Vec::new());
     for (i, press) in found.into_iter().enumerate() {
         match press {
             Ok(press) => {
-                used.push(i);
-                good.push(press);
+                if let Some(before) = good.iter().position(|g| press.repeats(g)) {
+                    left_out.push((i, PressFault::Repeats { of: used[before] }));
+                } else {
+                    used.push(i);
+                    good.push(press);
+                }
             }
             Err(fault) => left_out.push((i, fault)),
         }
@@ -195,19 +199,32 @@ impl Fitter {
 }
 
 impl GelCalibration {
-    /// How true this calibration is on other presses of a ball; those that cannot be used are left out.
+    /// How true this calibration is on other presses of a ball. Also those that cannot be used, by their place in the list, and why; a
+    /// press that was calibrated with is one of them.
     ///
     /// # Errors
-    /// As [`GelDecoder::new`].
-    pub fn measure(&self, presses: &[(Raster<[u8; 3]>, f64)]) -> Result<Quality, GelError> {
+    /// As [`GelDecoder::new`]; [`GelError::NothingToMeasure`] if none can be used.
+    pub fn measure(&self, presses: &[(Raster<[u8; 3]>, f64)]) -> Result<(Quality, Vec<(usize, PressFault)>), GelError> {
         let no_contact = NoContact::new(prepared(&self.background, self.markers), &self.sensor)?;
         let dots = self.markers.then(|| markers(&self.background));
         let decoder = self.decoder()?;
-        let each = presses.par_iter().filter_map(|(image, radius)| {
-            let press = find_press(image, &no_contact, dots.as_ref(), *radius, self.sensor.pixel_pitch).ok()?;
-            let contact = decoder.decode(image, &self.sensor).ok()?;
-            Some(PressQuality::of(&contact, &press, &self.sensor))
-        });
-        Ok(Quality { presses: each.collect() })
+        let one = |(image, radius): &(Raster<[u8; 3]>, f64)| -> Result<Option<PressQuality>, PressFault> {
+            let press = find_press(image, &no_contact, dots.as_ref(), *radius, self.sensor.pixel_pitch)?;
+            if let Some(i) = self.presses.iter().position(|own| press.repeats(own)) {
+                return Err(PressFault::CalibratedWith { of: self.used[i] });
+            }
+            Ok(PressQuality::of(&decoder.decode(image, &self.sensor)?, &press, &self.sensor))
+        };
+        let (mut measured, mut left_out) = (Vec::new(), Vec::new());
+        for (i, found) in presses.par_iter().map(one).collect::<Vec<_>>().into_iter().enumerate() {
+            match found {
+                Ok(quality) => measured.push(quality),
+                Err(fault) => left_out.push((i, fault)),
+            }
+        }
+        if measured.is_empty() {
+            return Err(GelError::NothingToMeasure { left_out });
+        }
+        Ok((Quality { presses: measured }, left_out))
     }
 }

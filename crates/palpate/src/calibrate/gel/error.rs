@@ -51,6 +51,20 @@ pub enum PressFault {
         /// Most allowed.
         limit: f64,
     },
+    /// The press was given already.
+    #[error(
+        "the press repeats another: the same contact circle as in image {of} of those given (from 0), which proves nothing twice"
+    )]
+    Repeats {
+        /// The one before, by its place in the list.
+        of: usize,
+    },
+    /// A press to measure on was calibrated with.
+    #[error("the press was calibrated with (image {of} of those given, from 0): nothing can be measured on it")]
+    CalibratedWith {
+        /// Which of the presses of the calibration, by its place in the list.
+        of: usize,
+    },
     /// The contact is wider than the ball.
     #[error(
         "the contact circle has a radius of {found:.3} mm, the ball only {ball:.3} mm: the ball's radius (metres, not the diameter) or \
@@ -87,6 +101,12 @@ pub enum GelError {
         /// Presses needed.
         needed: usize,
         /// The others, by their place in the list, and why they cannot be used.
+        left_out: Vec<(usize, PressFault)>,
+    },
+    /// No held-out press can be used.
+    #[error("none of the {} held-out presses can be measured on", left_out.len())]
+    NothingToMeasure {
+        /// All of them, by their place in the list, and why.
         left_out: Vec<(usize, PressFault)>,
     },
     /// The ball's radius is no ball of a tactile calibration.

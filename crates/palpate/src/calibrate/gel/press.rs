@@ -6,6 +6,9 @@ use crate::tactile::{BallPress, NoContact, SlopeRegressor, fill_markers, markers
 const LEAST_CONTRAST: f64 = 30.0;
 /// Asymmetry that is allowed.
 const MOST_ASYMMETRY: f64 = 0.3;
+/// Distance of centres, and difference of radii, under which two contacts are one, pixels: a copy of an image, or the next frame of a
+/// press at rest.
+const REPEATED_PX: f64 = 0.2;
 
 /// A press of a ball, found in its image.
 #[derive(Debug, Clone)]
@@ -118,6 +121,21 @@ fn check(ball: &BallPress, rows: usize, cols: usize) -> Result<(), PressFault> {
 }
 
 impl GelPress {
+    /// Whether it is the same contact as another.
+    pub(super) fn repeats(&self, other: &Self) -> bool {
+        let (a, b) = (&self.ball, &other.ball);
+        let apart = (a.center[0] - b.center[0]).hypot(a.center[1] - b.center[1]);
+        apart < REPEATED_PX && (a.contact_radius - b.contact_radius).abs() < REPEATED_PX
+    }
+
+    /// How deep the ball is in the contact circle, metres.
+    ///
+    /// * `pitch` – metres per pixel
+    pub fn cap(&self, pitch: f64) -> f64 {
+        let edge = (pitch * self.ball.contact_radius).min(self.ball_radius);
+        self.ball_radius - (self.ball_radius * self.ball_radius - edge * edge).sqrt()
+    }
+
     /// Pixels of known slope: `(row, col, slope)`, markers left out.
     ///
     /// * `pitch` – metres per pixel

@@ -39,9 +39,7 @@ impl PressQuality {
         let n = points.len() as f64;
         let mean = points.iter().map(over).sum::<f64>() / n;
         let residual = (points.iter().map(|p| (over(p) - mean).powi(2)).sum::<f64>() / n).sqrt();
-        let edge = (pitch * ball.contact_radius).min(true_radius);
-        let cap = true_radius - (true_radius * true_radius - edge * edge).sqrt();
-        Some(Self { radius: sphere.radius, ball_radius: true_radius, residual, cap })
+        Some(Self { radius: sphere.radius, ball_radius: true_radius, residual, cap: press.cap(pitch) })
     }
 
     /// Radius found over the true one, less 1.

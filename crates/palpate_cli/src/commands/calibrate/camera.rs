@@ -1,14 +1,20 @@
 use super::boards::{self, BoardArgs, Search, name};
 use crate::Outcome;
+use crate::targets::{Targets, one_name};
 use anyhow::{Context as _, bail};
 use palpate::calibrate::camera::{
     BoardView, CameraCalibration, Fixed, Outliers, calibrate_camera, coverage, draw_coverage,
 };
-use palpate::camera::{PinholeCamera, undistort_color};
-use palpate::io::{CameraFile, check_writable, create_folder, read_camera, read_color, write_camera, write_color};
+use palpate::camera::{PinholeCamera, undistort_color, undistort_gray};
+use palpate::io::{
+    CameraFile, Picture, create_folder, read_camera, read_picture, write_camera, write_color, write_picture,
+};
 use serde_json::json;
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
+
+/// Error from which the user is warned, pixels: docs/bench-guide.md.
+const RMS_LIMIT: f64 = 0.5;
 
 #[derive(clap::Args)]
 #[command(after_help = "Examples:
@@ -18,7 +24,8 @@ use std::path::{Path, PathBuf};
 Ten to twenty pictures are good: the board tilted by 20° to 45° to all sides, near and far, and into each corner of the image. camera.toml holds the
 table [camera] of a scene. Good: rms under 0.3 px, fx ± under 0.5 %.
 
-Exit status 1: no calibration; 3: done, but some images showed no board or fit badly.")]
+Exit status 1: no calibration, and nothing is written; 3: done, but some images showed no board or fit badly, rms is over 0.5 px, or k3 had to
+be kept.")]
 pub(crate) struct Args {
     /// Pictures of the board, or folders of them; colour, grey, or 16-bit infrared (cover the projector)
     #[arg(required = true, value_name = "IMAGE")]
@@ -37,7 +44,7 @@ pub(crate) struct Args {
     /// Leave out pictures that fit over three times worse than the usual one
     #[arg(long)]
     drop_outliers: bool,
-    /// Write the pictures without distortion into this folder
+    /// Write the pictures without distortion into this folder, as PNG of their names; 16-bit grey stays so
     #[arg(long, value_name = "DIR")]
     undistort: Option<PathBuf>,
     /// Draw where in the image the corners fell
@@ -77,11 +84,10 @@ fn fixed(names: &[Fix]) -> Fixed {
 
 pub(crate) fn run(args: Args) -> anyhow::Result<Outcome> {
     let board = args.board.board()?;
-    for path in [Some(&args.output), args.coverage.as_ref()].into_iter().flatten() {
-        check_writable(path)?;
-    }
+    let images = boards::images(&args.images)?;
+    check_targets(&args, &images)?;
     let start = args.start.as_ref().map(read_camera).transpose()?;
-    let search = boards::search(&boards::images(&args.images)?, &args.board)?;
+    let search = boards::search(&images, &args.board)?;
     for (_, reason) in &search.failed {
         eprintln!("palpate: {reason}");
     }
@@ -106,29 +112,79 @@ pub(crate) fn run(args: Args) -> anyhow::Result<Outcome> {
         calibrate_camera(&board, &views, search.size, fixed(&args.fix), start.as_ref().map(|s| &s.camera), outliers)
             .with_context(|| format!("{} boards in {} images", views.len(), views.len() + search.failed.len()))?;
     let file = CameraFile { camera: result.camera, world_from_camera: None };
-    write_camera(&args.output, &file, &table(&result, &search))?;
     if let Some(path) = &args.coverage {
         write_color(path, &draw_coverage(&views, search.size))?;
     }
     if let Some(folder) = &args.undistort {
-        undistort(folder, &search, &result.camera)?;
+        undistort(folder, &images, &result.camera)?;
     }
+    // Last: where there is a camera, all that was asked for is there.
+    write_camera(&args.output, &file, &table(&result, &search))?;
     if args.json {
         println!("{}", report(&result, &search));
     } else {
         say(&result, &search, &args);
     }
+    let poor = warn(&result);
     let losses = !search.failed.is_empty() || result.views.iter().any(|v| v.outlier || !v.used);
-    Ok(if losses { Outcome::Degraded } else { Outcome::Done })
+    Ok(if losses || poor { Outcome::Degraded } else { Outcome::Done })
 }
 
-fn undistort(folder: &Path, search: &Search, camera: &PinholeCamera) -> anyhow::Result<()> {
+/// Says what is doubtful.
+fn warn(result: &CameraCalibration) -> bool {
+    if result.kept_k3 {
+        eprintln!(
+            "palpate: warning: k3 was kept as by --fix k3: with it the lens found folds the image over itself. More boards at the image's \
+             border would tell it"
+        );
+    }
+    // Written so that NaN fails too.
+    let poor = !(result.rms <= RMS_LIMIT);
+    if poor {
+        eprintln!(
+            "palpate: warning: rms {:.2} px is over {RMS_LIMIT} px: blurred pictures, a board that is not flat, or pictures of two cameras or \
+             two zooms? See the worst views",
+            result.rms
+        );
+    }
+    poor || result.kept_k3
+}
+
+/// Nothing that is read is overwritten, and all that is asked for can be written.
+fn check_targets(args: &Args, images: &[PathBuf]) -> anyhow::Result<()> {
+    let mut targets = Targets::keep(images.iter().chain(&args.start));
+    targets.file(&args.output, "--output")?;
+    if let Some(path) = &args.coverage {
+        targets.file(path, "--coverage")?;
+    }
+    if let Some(folder) = &args.undistort {
+        let pictures = different(images).map(|path| (flat_name(path), path.display().to_string()));
+        targets.files_in(folder, pictures).context("--undistort")?;
+    }
+    Ok(())
+}
+
+/// Each picture once, though it may be named twice.
+fn different(images: &[PathBuf]) -> impl Iterator<Item = &PathBuf> {
+    let mut seen = BTreeSet::new();
+    images.iter().filter(move |path| seen.insert(one_name(path)))
+}
+
+fn flat_name(path: &Path) -> String {
+    let stem = path.file_stem().map_or_else(|| "image".into(), |s| s.to_string_lossy());
+    format!("{stem}.png")
+}
+
+fn undistort(folder: &Path, images: &[PathBuf], camera: &PinholeCamera) -> anyhow::Result<()> {
     create_folder(folder)?;
-    for path in search.found.iter().map(|f| &f.path).chain(search.failed.iter().map(|f| &f.0)) {
+    for path in different(images) {
         // An unreadable image was said to be one.
-        let Ok(image) = read_color(path) else { continue };
-        let stem = path.file_stem().map_or_else(|| "image".into(), |s| s.to_string_lossy());
-        write_color(folder.join(format!("{stem}.png")), &undistort_color(&image, camera).0)?;
+        let Ok(picture) = read_picture(path) else { continue };
+        let flat = match picture {
+            Picture::Color(image) => Picture::Color(undistort_color(&image, camera).0),
+            Picture::Gray16(image) => Picture::Gray16(undistort_gray(&image, camera).0),
+        };
+        write_picture(folder.join(flat_name(path)), &flat)?;
     }
     Ok(())
 }
@@ -144,6 +200,7 @@ fn table(result: &CameraCalibration, search: &Search) -> toml::Table {
     let mut table = toml::Table::new();
     table.insert("rms_px".into(), rounded(result.rms).into());
     table.insert("views".into(), (result.views.iter().filter(|v| v.used).count() as i64).into());
+    table.insert("kept_k3".into(), result.kept_k3.into());
     table.insert("standard_deviations".into(), toml::Value::Array(sigma.collect()));
     let bad = search.found.iter().zip(&result.views).filter(|(_, v)| v.outlier);
     table.insert("outliers".into(), bad.map(|(f, _)| toml::Value::String(name(&f.path))).collect::<Vec<_>>().into());
@@ -170,6 +227,7 @@ fn report(result: &CameraCalibration, search: &Search) -> serde_json::Value {
         "width": c.width, "height": c.height, "fx": c.fx, "fy": c.fy, "cx": c.cx, "cy": c.cy, "distortion": c.distortion,
         "standard_deviations": { "fx": s.fx, "fy": s.fy, "cx": s.cx, "cy": s.cy, "distortion": s.distortion },
         "rms_px": result.rms,
+        "kept_k3": result.kept_k3,
         "largest_tilt_between_views_deg": result.tilts,
         "covered_share": covered.share,
         "uncovered_corners": covered.bare,

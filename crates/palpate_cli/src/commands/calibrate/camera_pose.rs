@@ -1,9 +1,10 @@
 use super::boards::{self, BoardArgs};
 use crate::Outcome;
+use crate::targets::Targets;
 use anyhow::{Context as _, bail, ensure};
 use palpate::calibrate::camera::board_pose;
 use palpate::geometry::Isometry;
-use palpate::io::{CameraFile, check_writable, read_camera, write_camera};
+use palpate::io::{CameraFile, read_camera, write_camera};
 use std::path::PathBuf;
 
 #[derive(clap::Args)]
@@ -34,7 +35,7 @@ pub(crate) struct Args {
 
 pub(crate) fn run(args: Args) -> anyhow::Result<Outcome> {
     let board = args.board.board()?;
-    check_writable(&args.output)?;
+    Targets::keep([&args.image]).file(&args.output, "--output")?;
     ensure!(
         !board.is_ambiguous(),
         "a board of {}×{} inner corners looks the same turned by half: use one with an even and an odd number",

@@ -1,10 +1,16 @@
 use super::boards::{self, BoardArgs, name};
 use crate::Outcome;
+use crate::targets::Targets;
 use anyhow::{Context as _, bail};
-use palpate::calibrate::camera::{BoardView, paired_extrinsics};
-use palpate::io::{check_writable, read_camera, write_extrinsics};
+use palpate::calibrate::camera::{BoardView, CalibrationError, paired_extrinsics};
+use palpate::io::{read_camera, write_extrinsics};
 use serde_json::json;
 use std::path::PathBuf;
+
+/// Pairs from which a wrong one can be told.
+const GOOD_PAIRS: usize = 3;
+/// Error from which the user is warned, pixels.
+const RMS_LIMIT: f64 = 1.0;
 
 #[derive(clap::Args)]
 #[command(after_help = "Example:
@@ -12,7 +18,10 @@ use std::path::PathBuf;
     --board 9x6 --square 0.025 --output extrinsics.toml
 
 Pictures are paired in the order of their names. The depth camera's pictures are its infrared ones. A pair of which one shows no board is left
-out. Then: palpate register.")]
+out. Then: palpate register.
+
+Exit status 1: no mounting, for example because no one fits all pairs to 3 px; 3: done, but some pairs were left out or fit badly (over 1 px in
+all, or three times the usual pair).")]
 pub(crate) struct Args {
     /// Infrared pictures of the depth camera, or folders of them
     #[arg(long, required = true, num_args = 1.., value_name = "IMAGE")]
@@ -38,9 +47,10 @@ pub(crate) struct Args {
 
 pub(crate) fn run(args: Args) -> anyhow::Result<Outcome> {
     let board = args.board.board()?;
-    check_writable(&args.output)?;
-    let cameras = [read_camera(&args.depth_camera)?.camera, read_camera(&args.color_camera)?.camera];
     let paths = [boards::images(&args.depth)?, boards::images(&args.color)?];
+    let inputs = paths.iter().flatten().chain([&args.depth_camera, &args.color_camera]);
+    Targets::keep(inputs).file(&args.output, "--output")?;
+    let cameras = [read_camera(&args.depth_camera)?.camera, read_camera(&args.color_camera)?.camera];
     if paths[0].len() != paths[1].len() {
         bail!("{} images of --depth and {} of --color; each needs its partner", paths[0].len(), paths[1].len());
     }
@@ -68,13 +78,18 @@ pub(crate) fn run(args: Args) -> anyhow::Result<Outcome> {
         bail!("no pair of images shows the board in both");
     }
     let (first, second): (Vec<_>, Vec<_>) = pairs.iter().map(|p| (p.1.clone(), p.2.clone())).unzip();
-    let found = paired_extrinsics(&board, [&cameras[0], &cameras[1]], &first, &second)
-        .with_context(|| format!("{} pairs", pairs.len()))?;
+    let found = paired_extrinsics(&board, [&cameras[0], &cameras[1]], &first, &second);
+    if let Err(CalibrationError::PairsDisagree { apart, .. }) = &found {
+        for &i in apart {
+            eprintln!("palpate: {} contradict most others", pairs[i].0);
+        }
+    }
+    let found = found.with_context(|| format!("{} pairs", pairs.len()))?;
     write_extrinsics(&args.output, &found.second_from_first, found.rms, found.sigma)?;
     let (t, r) = found.sigma;
     let shift = found.second_from_first.translation.vector;
     if args.json {
-        let pair = |(p, rms): (&(String, BoardView, BoardView), &f64)| json!({ "pair": p.0, "rms_px": rms });
+        let pair = |i: usize| json!({ "pair": pairs[i].0, "rms_px": found.pair_rms[i], "apart": found.apart[i] });
         println!(
             "{}",
             json!({
@@ -84,12 +99,14 @@ pub(crate) fn run(args: Args) -> anyhow::Result<Outcome> {
                 },
                 "standard_deviations": { "translation_m": t, "rotation_rad": r },
                 "rms_px": found.rms,
-                "pairs": pairs.iter().zip(&found.pair_rms).map(pair).collect::<Vec<_>>(),
+                "pairs": (0..pairs.len()).map(pair).collect::<Vec<_>>(),
             })
         );
     } else {
-        for (pair, rms) in pairs.iter().zip(&found.pair_rms) {
-            println!("{}: {rms:.3} px", pair.0);
+        for ((pair, rms), apart) in pairs.iter().zip(&found.pair_rms).zip(&found.apart) {
+            let remark =
+                if *apart { "  over three times the usual pair: did the board move? leave it out" } else { "" };
+            println!("{}: {rms:.3} px{remark}", pair.0);
         }
         println!(
             "{}: {} pairs, rms {:.3} px; shift ({:.2}, {:.2}, {:.2}) ± ({:.2}, {:.2}, {:.2}) mm, turned by {:.3}° ± {:.3}°",
@@ -106,6 +123,19 @@ pub(crate) fn run(args: Args) -> anyhow::Result<Outcome> {
             r.iter().copied().fold(0.0, f64::max).to_degrees(),
         );
     }
+    if pairs.len() < GOOD_PAIRS {
+        eprintln!(
+            "palpate: warning: {} of the {GOOD_PAIRS} pairs that can show a wrong one: take five or more, tilted",
+            pairs.len()
+        );
+    }
+    let poor = found.rms > RMS_LIMIT || found.apart.contains(&true);
+    if poor {
+        eprintln!(
+            "palpate: warning: rms {:.2} px, over {RMS_LIMIT} px or with pairs apart: do all pairs belong together, are both cameras these?",
+            found.rms
+        );
+    }
     let lost = pairs.len() < paths[0].len();
-    Ok(if lost { Outcome::Degraded } else { Outcome::Done })
+    Ok(if lost || poor { Outcome::Degraded } else { Outcome::Done })
 }

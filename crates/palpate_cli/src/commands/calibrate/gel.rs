@@ -1,12 +1,13 @@
 use super::boards::{images, name};
 use crate::Outcome;
+use crate::targets::{Targets, one_name};
 use anyhow::{Context as _, bail, ensure};
 use palpate::calibrate::gel::{
     GelCalibration, GelError, GelParams, MapKind, PitchSource, PressFault, Quality, agree, calibrate_gel, locate_ball,
     presses_apart, ruler_period,
 };
 use palpate::geometry::Raster;
-use palpate::io::{check_writable, read_color, write_sensor};
+use palpate::io::{read_color, write_sensor};
 use palpate::tactile::{NoContact, RelaxedGel, TactileSensor, fill_markers, markers};
 use serde_json::json;
 use std::path::{Path, PathBuf};
@@ -26,7 +27,8 @@ screw's thread, or two presses a known distance apart; all that are given must a
 
 sensor.toml (with its background beside it) is what `palpate decode --sensor` and `palpate reconstruct --calibration` take.
 
-Good: radius within 5 %, residual under 10 % of the cap. Exit status 1: no calibration; 3: some presses were left out, or the result is poor.")]
+Good: radius within 5 %, residual under 10 % of the cap. Exit status 1: no calibration; 3: some presses were left out (of the calibration or of
+--held-out; a press that repeats another is), or the result is poor.")]
 pub(crate) struct Args {
     /// Images of presses of a ball, or folders of them
     #[arg(required = true, value_name = "PRESS")]
@@ -80,9 +82,10 @@ enum Map {
 }
 
 pub(crate) fn run(args: Args) -> anyhow::Result<Outcome> {
-    check_writable(&args.output)?;
-    let background = read_color(&args.background)?;
     let paths = images(&args.presses)?;
+    let held_out_paths = images(&args.held_out)?;
+    check_targets(&args, paths.iter().chain(&held_out_paths))?;
+    let background = read_color(&args.background)?;
     let presses = read_presses(&paths, &args.ball_radius)?;
     let pitch = pitch(&args, &background)?;
     let map = match args.map {
@@ -93,18 +96,26 @@ pub(crate) fn run(args: Args) -> anyhow::Result<Outcome> {
     let params = GelParams { pitch, map, markers: args.markers, seed: args.seed };
     let gel = match calibrate_gel(&presses, &background, &params) {
         Err(GelError::TooFewPresses { found, needed, left_out }) => {
-            say_left_out(&paths, &left_out);
+            say_left_out(&paths, &paths, &left_out);
             bail!(GelError::TooFewPresses { found, needed, left_out: Vec::new() });
         }
         other => other.with_context(|| format!("background {}", args.background.display()))?,
     };
-    say_left_out(&paths, &gel.left_out);
-    let held_out = if args.held_out.is_empty() {
+    say_left_out(&paths, &paths, &gel.left_out);
+    let mut lost = !gel.left_out.is_empty();
+    let held_out = if held_out_paths.is_empty() {
         None
     } else {
-        let paths = images(&args.held_out)?;
-        let radius = &args.ball_radius[..1];
-        Some(gel.measure(&read_presses(&paths, radius)?)?)
+        let (quality, left_out) = match gel.measure(&read_presses(&held_out_paths, &args.ball_radius[..1])?) {
+            Err(GelError::NothingToMeasure { left_out }) => {
+                say_left_out(&held_out_paths, &paths, &left_out);
+                bail!(GelError::NothingToMeasure { left_out });
+            }
+            other => other?,
+        };
+        say_left_out(&held_out_paths, &paths, &left_out);
+        lost |= !left_out.is_empty();
+        Some(quality)
     };
     write_sensor(&args.output, &gel, &table(&gel))?;
     if args.json {
@@ -122,7 +133,7 @@ pub(crate) fn run(args: Args) -> anyhow::Result<Outcome> {
             100.0 * quality.residual_share()
         );
     }
-    Ok(if poor || !gel.left_out.is_empty() { Outcome::Degraded } else { Outcome::Done })
+    Ok(if poor || lost { Outcome::Degraded } else { Outcome::Done })
 }
 
 fn read_presses(paths: &[PathBuf], radii: &[f64]) -> anyhow::Result<Vec<(Raster<[u8; 3]>, f64)>> {
@@ -135,10 +146,43 @@ fn read_presses(paths: &[PathBuf], radii: &[f64]) -> anyhow::Result<Vec<(Raster<
     paths.iter().enumerate().map(|(i, path)| Ok((read_color(path)?, radii[i % radii.len()]))).collect()
 }
 
-fn say_left_out(paths: &[PathBuf], left_out: &[(usize, PressFault)]) {
+/// * `calibrated` – the presses that were calibrated with, whose numbers faults name
+fn say_left_out(paths: &[PathBuf], calibrated: &[PathBuf], left_out: &[(usize, PressFault)]) {
     for (i, fault) in left_out {
-        eprintln!("palpate: {}: {fault}", paths[*i].display());
+        eprintln!("palpate: {}: {}", paths[*i].display(), reason(fault, calibrated));
     }
+}
+
+fn reason(fault: &PressFault, calibrated: &[PathBuf]) -> String {
+    match fault {
+        PressFault::Repeats { of } => {
+            format!("the press repeats {}: the same contact circle proves nothing twice", calibrated[*of].display())
+        }
+        PressFault::CalibratedWith { of } => {
+            format!("the press was calibrated with, as {}: nothing is measured on it", calibrated[*of].display())
+        }
+        other => other.to_string(),
+    }
+}
+
+/// Nothing that is read is overwritten, and all that belongs to a sensor can be written.
+fn check_targets<'a>(args: &'a Args, images: impl Iterator<Item = &'a PathBuf>) -> anyhow::Result<()> {
+    let stem = args.output.file_stem().map_or_else(|| "sensor".into(), |s| s.to_string_lossy());
+    let beside = |end: &str| args.output.with_file_name(format!("{stem}_{end}"));
+    let (background, table) = (beside("background.png"), beside("table"));
+    let mut inputs: Vec<PathBuf> = images.chain(&args.ruler).cloned().collect();
+    inputs.extend(args.apart.iter().take(2).map(PathBuf::from));
+    // A calibration anew with its own background writes it as it was.
+    if one_name(&background) != one_name(&args.background) {
+        inputs.push(args.background.clone());
+    }
+    let mut targets = Targets::keep(inputs);
+    targets.file(&args.output, "--output")?;
+    targets.file(&background, "the background beside --output")?;
+    if args.map == Map::Table {
+        targets.files_in(&table, ["grad_mag.npy", "grad_dir.npy"].map(|name| (name, "the table beside --output")))?;
+    }
+    Ok(())
 }
 
 /// Every source of the pitch that was given.
@@ -226,10 +270,16 @@ fn report(gel: &GelCalibration, paths: &[PathBuf], held_out: Option<&Quality>) -
         "pixel_pitch": gel.sensor.pixel_pitch,
         "map": gel.map.kind().name(),
         "presses": presses,
-        "left_out": gel.left_out.iter().map(|(i, f)| json!({ "image": paths[*i], "reason": f.to_string() })).collect::<Vec<_>>(),
+        "mean_cap_mm": 1e3 * mean_cap(gel),
+        "left_out": gel.left_out.iter().map(|(i, f)| json!({ "image": paths[*i], "reason": reason(f, paths) })).collect::<Vec<_>>(),
         "left_one_out": summary(&gel.quality),
         "held_out": held_out.map(summary),
     })
+}
+
+/// How deep the balls are in their contact circles, on average, metres.
+fn mean_cap(gel: &GelCalibration) -> f64 {
+    gel.presses.iter().map(|p| p.cap(gel.sensor.pixel_pitch)).sum::<f64>() / gel.presses.len() as f64
 }
 
 fn say(output: &Path, gel: &GelCalibration, paths: &[PathBuf], held_out: Option<&Quality>) {
@@ -267,5 +317,10 @@ fn say(output: &Path, gel: &GelCalibration, paths: &[PathBuf], held_out: Option<
     if let Some(quality) = held_out {
         line("held out", quality);
     }
+    // Nothing else tells a wrong radius: slopes of another ball fit as well.
+    println!(
+        "by their contact circles the balls were pressed {:.2} mm deep on average: is that so? If it was deeper, --ball-radius may be a diameter",
+        1e3 * mean_cap(gel)
+    );
     println!("{}: {:.5} mm a pixel, map {}", output.display(), 1e3 * gel.sensor.pixel_pitch, gel.map.kind().name());
 }

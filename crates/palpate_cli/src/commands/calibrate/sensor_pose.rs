@@ -1,10 +1,11 @@
 use super::boards::{self, BoardArgs};
 use crate::Outcome;
+use crate::targets::Targets;
 use anyhow::{Context as _, bail, ensure};
 use palpate::calibrate::camera::board_pose;
 use palpate::calibrate::sensor_pose::{BallContact, PoseRecord, ball_center, calibrate_on_ball, calibrate_on_board};
 use palpate::geometry::Isometry;
-use palpate::io::{self, check_writable, read_camera, read_color, read_height_map_npy, read_mask, read_sensor};
+use palpate::io::{self, read_camera, read_color, read_height_map_npy, read_mask, read_sensor};
 use palpate::tactile::{Contact, TactileDecoder as _};
 use serde::Deserialize;
 use serde_json::json;
@@ -102,7 +103,6 @@ struct Found {
 }
 
 pub(crate) fn run(args: Args) -> anyhow::Result<Outcome> {
-    check_writable(&args.output)?;
     let text = io::read_text(&args.records)?;
     let file: Records = toml::from_str(&text).with_context(|| args.records.display().to_string())?;
     let mut records = Vec::new();
@@ -111,6 +111,10 @@ pub(crate) fn run(args: Args) -> anyhow::Result<Outcome> {
         let pose = pose.map_err(|e| anyhow::anyhow!("{}: record {i} base_from_hand: {e}", args.records.display()))?;
         records.push((record, pose));
     }
+    let seen = records.iter().flat_map(|(r, _)| [&r.image, &r.height_map, &r.contact_mask]).flatten();
+    let named = [Some(&args.records), args.camera.as_ref(), args.sensor.as_ref()].into_iter().flatten().cloned();
+    let inputs = seen.map(|file| beside(&args.records, file)).chain(named);
+    Targets::keep(inputs).file(&args.output, "--output")?;
     let found = match args.target {
         Target::Board => on_board(&args, &records)?,
         Target::Ball => on_ball(&args, &records)?,

@@ -10,8 +10,8 @@ use frames::{Frame, FrameSource};
 use indicatif::{ProgressBar, ProgressStyle};
 use palpate::capture::{ContactWatcher, WatchParams, Watched};
 use palpate::geometry::{Isometry, Raster};
-use palpate::io::{self, SceneAppender, read_color, read_sensor};
-use palpate::tactile::TactileSensor;
+use palpate::io::{self, SceneAppender, SensorFile, read_color, read_sensor};
+use palpate::tactile::{self, NoContact, TactileSensor, fill_markers};
 use pose_source::PoseSource;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
@@ -40,7 +40,10 @@ it has been still for five frames; lift off before the next. The device may be u
 (palpate listens; the last line counts, for one touch: a robot that sends its pose once sends it anew for each). A pose is one line: seven numbers x y z qx qy qz qw, metres, or JSON
 {\"translation\": [x, y, z], \"quaternion_xyzw\": [x, y, z, w]}. It is the sensor's; with --hand-eye it is the hand's.
 
-Devices and videos are read through the program `ffmpeg`. Exit status 3: a contact was lost because it had no pose.")]
+Devices and videos are read through the program `ffmpeg`. The background of the first frames must look like the no-contact image of the sensor.toml, as for `palpate decode`. A pose over 10 m from the
+camera is none: metres are needed.
+
+Exit status 3: a contact was lost because it had no pose, or none settled.")]
 struct TouchArgs {
     /// Video device, like /dev/video0
     #[arg(long, value_name = "DEVICE", conflicts_with = "frames", required_unless_present = "frames")]
@@ -99,8 +102,19 @@ fn touch(args: &TouchArgs) -> anyhow::Result<Outcome> {
         format!("{} is no scene yet; `palpate init` or `palpate import` make one", args.output.display())
     })?;
     let calibration = args.sensor.as_deref().map(Path::new).filter(|p| p.extension().is_some_and(|e| e == "toml"));
+    // Without another the touches will be decoded with the calibration that lies in the scene.
+    let own = args.output.join("sensor.toml");
+    let used = calibration.or((args.sensor.is_none() && own.is_file()).then_some(&own));
+    let (calibrated, reference) = match used {
+        Some(path) => {
+            let file = read_sensor(path)?;
+            let reference = Reference::new(&file, path)?;
+            (Some(file.sensor), Some(reference))
+        }
+        None => (None, None),
+    };
     let sensor = match (calibration, &args.sensor) {
-        (Some(path), _) => Some(read_sensor(path)?.sensor),
+        (Some(_), _) => calibrated,
         (None, Some(name)) => Some(TactileSensor::preset(name)?),
         (None, None) => None,
     };
@@ -118,11 +132,36 @@ fn touch(args: &TouchArgs) -> anyhow::Result<Outcome> {
     let poses = PoseSource::open(&args.pose)?;
     let source =
         FrameSource::open(args.device.as_deref(), args.frames.as_deref(), args.video_size.as_deref(), args.frame_rate)?;
-    if let Some(path) = calibration {
-        super::copy_calibration(path, &args.output)?;
-    }
-    let session = Session { args, scene, sensor, hand_eye, watcher, poses, view: View::new(), saved: 0, lost: 0 };
+    let view = View::new();
+    let session =
+        Session { args, scene, sensor, hand_eye, watcher, poses, calibration, reference, view, saved: 0, lost: 0 };
     session.run(source)
+}
+
+/// The no-contact image of the calibration with which the touches will be decoded.
+struct Reference {
+    no_contact: NoContact,
+    markers: bool,
+    path: PathBuf,
+}
+
+impl Reference {
+    fn new(file: &SensorFile, path: &Path) -> anyhow::Result<Self> {
+        let image = without_markers(&file.background, file.markers);
+        let no_contact = NoContact::new(image, &file.sensor).with_context(|| path.display().to_string())?;
+        Ok(Self { no_contact, markers: file.markers, path: path.to_owned() })
+    }
+
+    /// The check that decoding makes of an image: size, colours, order of the channels, light.
+    fn check(&self, image: &Raster<[u8; 3]>) -> anyhow::Result<()> {
+        let image = without_markers(image, self.markers);
+        let checked = self.no_contact.difference(&image);
+        checked.map(drop).with_context(|| format!("against the no-contact image of {}", self.path.display()))
+    }
+}
+
+fn without_markers(image: &Raster<[u8; 3]>, markers: bool) -> Raster<[u8; 3]> {
+    if markers { fill_markers(image, &tactile::markers(image)) } else { image.clone() }
 }
 
 #[derive(serde::Deserialize)]
@@ -143,6 +182,24 @@ fn read_hand_eye(path: &Path) -> anyhow::Result<Isometry> {
         .map_err(|e| anyhow::anyhow!("{}: gripper_from_sensor: {e}", path.display()))
 }
 
+/// The farthest from the camera that a touch is taken for one of its scene, metres.
+const REACH: f64 = 10.0;
+
+/// A robot that says millimetres is far away.
+fn within_reach(world_from_sensor: &Isometry, world_from_camera: &Isometry) -> anyhow::Result<()> {
+    let [sensor, camera] = [world_from_sensor, world_from_camera].map(|pose| pose.translation.vector);
+    let far = (sensor - camera).norm();
+    ensure!(
+        far <= REACH,
+        "the pose ({:.3}, {:.3}, {:.3}) m is {far:.1} m from the camera, at most {REACH:.0} m is a touch of this scene: metres are needed, are \
+         these millimetres?",
+        sensor.x,
+        sensor.y,
+        sensor.z
+    );
+    Ok(())
+}
+
 struct Session<'a> {
     args: &'a TouchArgs,
     scene: SceneAppender,
@@ -150,6 +207,10 @@ struct Session<'a> {
     hand_eye: Option<Isometry>,
     watcher: ContactWatcher,
     poses: PoseSource,
+    /// Until it has been put into the scene.
+    calibration: Option<&'a Path>,
+    /// Until the background of the first frames has been compared with it.
+    reference: Option<Reference>,
     view: View,
     saved: usize,
     lost: usize,
@@ -179,7 +240,9 @@ impl Session<'_> {
             bail!("there was no frame");
         }
         println!("{}: {} touches added, {} in all", self.args.output.display(), self.saved, self.scene.touches());
-        if self.saved == 0 {
+        if self.lost > 0 {
+            eprintln!("palpate: {} contacts settled and were not saved, for the reasons above", self.lost);
+        } else if self.saved == 0 {
             eprintln!(
                 "palpate: no contact settled in {frames} frames; is the gel free at the start, and the touch held still?"
             );
@@ -189,17 +252,26 @@ impl Session<'_> {
 
     fn frame(&mut self, image: &Raster<[u8; 3]>) -> anyhow::Result<()> {
         let watched = self.watcher.step(image)?;
+        if let Some(background) = self.watcher.background()
+            && let Some(reference) = self.reference.take()
+        {
+            reference.check(&background).context("the background of the first frames")?;
+            // A background of a file says nothing about the frames.
+            reference.check(image).context("a frame")?;
+        }
         self.view.frame(watched);
         if watched != Watched::Settled {
             return Ok(());
         }
         self.view.state("contact: waiting for a pose");
         let number = self.scene.touches();
-        match self.poses.next(Duration::from_secs_f64(self.args.pose_timeout), number) {
-            Ok(pose) => {
-                let pose = self.hand_eye.map_or(pose, |sensor| pose * sensor);
-                self.save(image, &pose)?;
-            }
+        let pose = self.poses.next(Duration::from_secs_f64(self.args.pose_timeout), number).and_then(|pose| {
+            let pose = self.hand_eye.map_or(pose, |sensor| pose * sensor);
+            within_reach(&pose, &self.scene.world_from_camera())?;
+            Ok(pose)
+        });
+        match pose {
+            Ok(pose) => self.save(image, &pose)?,
             Err(error) => {
                 self.lost += 1;
                 self.view.say(&format!("palpate: a contact was not saved: {error:#}"));
@@ -209,6 +281,9 @@ impl Session<'_> {
     }
 
     fn save(&mut self, image: &Raster<[u8; 3]>, pose: &Isometry) -> anyhow::Result<()> {
+        if let Some(path) = self.calibration.take() {
+            crate::commands::copy_calibration(path, &self.args.output)?;
+        }
         if let Some(sensor) = self.sensor.as_ref().filter(|_| !self.scene.has_sensor()) {
             let background = self.watcher.background().context("there is no background yet")?;
             self.scene.add_sensor(sensor, &background)?;

@@ -21,9 +21,9 @@ pub(super) struct TumArgs {
 }
 
 pub(super) fn tum(args: TumArgs) -> anyhow::Result<Outcome> {
-    args.target.check()?;
+    args.target.check([&args.camera])?;
     let camera = read_camera(&args.camera)?.camera;
-    args.target.write(&import_tum(&args.folder, args.time, &camera)?, None)
+    args.target.write(import_tum(&args.folder, args.time, &camera)?, None)
 }
 
 #[derive(clap::Args)]
@@ -42,9 +42,9 @@ pub(super) struct BopArgs {
 }
 
 pub(super) fn bop(args: BopArgs) -> anyhow::Result<Outcome> {
-    args.target.check()?;
+    args.target.check([])?;
     let frame = BopFrame { image: args.image, object: args.object };
-    args.target.write(&import_bop(&args.folder, frame)?, None)
+    args.target.write(import_bop(&args.folder, frame)?, None)
 }
 
 #[derive(clap::Args)]
@@ -66,13 +66,18 @@ pub(super) struct CloudArgs {
 }
 
 pub(super) fn cloud(args: CloudArgs) -> anyhow::Result<Outcome> {
-    args.target.check()?;
+    args.target.check([&args.cloud, &args.camera])?;
     let CameraFile { camera, world_from_camera } = read_camera(&args.camera)?;
     let pose = args.pose.or(world_from_camera).unwrap_or_else(Isometry::identity);
     let cloud = read_cloud(&args.cloud)?;
     let cloud = if args.camera_frame { cloud.transformed(&pose) } else { cloud };
     let name = args.cloud.file_stem().map_or_else(|| "cloud".to_owned(), |n| n.to_string_lossy().into_owned());
-    args.target.write(&import_cloud(&name, &cloud.points, cloud.colors.as_deref(), &camera, &pose)?, None)
+    let mut imported = import_cloud(&name, &cloud.points, cloud.colors.as_deref(), &camera, &pose)?;
+    if args.pose.is_none() && world_from_camera.is_none() {
+        let said = "neither --pose nor --camera's world_from_camera: the world is the camera's frame";
+        imported.warnings.push(said.to_owned());
+    }
+    args.target.write(imported, None)
 }
 
 #[derive(clap::Args)]
@@ -88,7 +93,7 @@ pub(super) struct YcbSightRealArgs {
 }
 
 pub(super) fn ycb_sight_real(args: YcbSightRealArgs) -> anyhow::Result<Outcome> {
-    args.target.check()?;
+    args.target.check([&args.camera])?;
     let camera = read_camera(&args.camera)?.camera;
-    args.target.write(&import_ycb_sight_real(&args.folder, &camera)?, None)
+    args.target.write(import_ycb_sight_real(&args.folder, &camera)?, None)
 }

@@ -4,6 +4,7 @@ mod folders;
 mod recording;
 
 use crate::Outcome;
+use crate::targets::Targets;
 use anyhow::{bail, ensure};
 use clap::Subcommand;
 use palpate::io::{SceneToWrite, write_scene};
@@ -30,6 +31,23 @@ enum What {
     YcbSightReal(folders::YcbSightRealArgs),
 }
 
+/// Files of a scene that an import writes, whatever it is of.
+const WRITTEN: [&str; 6] =
+    ["scene.toml", "depth.png", "color.png", "mask.png", "touches/background.png", "touches/000.png"];
+/// The farthest reading that 16 bits of a millimetre hold, metres.
+const FARTHEST: f32 = 65.535;
+
+/// Takes out readings that no depth image can hold: some drivers and clouds have a few far outside the room. Returns how many.
+fn forget_far(imported: &mut Imported) -> usize {
+    let depth = imported.scene.frame.depth.as_mut_slice();
+    let far: Vec<&mut f32> = depth.iter_mut().filter(|z| **z > FARTHEST).collect();
+    let count = far.len();
+    for z in far {
+        *z = f32::NAN;
+    }
+    count
+}
+
 /// Where the scene goes.
 #[derive(clap::Args)]
 struct Target {
@@ -52,8 +70,8 @@ pub(crate) fn run(args: Args) -> anyhow::Result<Outcome> {
 }
 
 impl Target {
-    /// Says no before anything is read.
-    fn check(&self) -> anyhow::Result<()> {
+    /// Says no before anything is read: to a scene that is there, to a place that is none, and to files among those to be read.
+    fn check<'a>(&self, inputs: impl IntoIterator<Item = &'a PathBuf>) -> anyhow::Result<()> {
         let scene = self.output.join("scene.toml");
         ensure!(
             self.force || !scene.exists(),
@@ -61,14 +79,19 @@ impl Target {
             scene.display()
         );
         ensure!(!self.output.is_file(), "{} is a file; a folder is needed", self.output.display());
-        match self.output.parent().filter(|p| !p.as_os_str().is_empty() && !p.is_dir()) {
-            Some(parent) => bail!("the folder {} for {} does not exist", parent.display(), self.output.display()),
-            None => Ok(()),
+        if let Some(parent) = self.output.parent().filter(|p| !p.as_os_str().is_empty() && !p.is_dir()) {
+            bail!("the folder {} for {} does not exist", parent.display(), self.output.display());
         }
+        Targets::keep(inputs).files_in(&self.output, WRITTEN.map(|name| (name, "--output")))
     }
 
     /// Writes a scene that is complete, and says what was assumed.
-    fn write(&self, imported: &Imported, calibration: Option<&Path>) -> anyhow::Result<Outcome> {
+    fn write(&self, mut imported: Imported, calibration: Option<&Path>) -> anyhow::Result<Outcome> {
+        let far = forget_far(&mut imported);
+        ensure!(
+            imported.scene.frame.depth.as_slice().iter().any(|z| z.is_finite()),
+            "every reading of the depth is over {FARTHEST} m: metres are needed, are these millimetres?"
+        );
         let what = SceneToWrite {
             tactile_background: imported.tactile_background.as_ref(),
             ..SceneToWrite::new(&imported.scene)
@@ -82,6 +105,9 @@ impl Target {
         }
         let touches = imported.scene.touches.len();
         println!("{}: {touches} touches", self.output.join("scene.toml").display());
-        Ok(Outcome::Done)
+        if far > 0 {
+            eprintln!("palpate: warning: {far} readings over {FARTHEST} m do not fit a depth image and were left out");
+        }
+        Ok(if far > 0 { Outcome::Degraded } else { Outcome::Done })
     }
 }

@@ -76,9 +76,9 @@ pub(super) fn run(args: Args) -> anyhow::Result<Outcome> {
     let (Some(depth), Some(info)) = (args.depth, args.info) else { bail!("--depth and --info are needed") };
     let Some(output) = args.output else { bail!("--output SCENE is needed") };
     let target = Target { output, force: args.force };
-    target.check()?;
     let is_file = |s: &str| Path::new(s).extension().is_some_and(|e| e.eq_ignore_ascii_case("toml"));
     let calibration = args.sensor.as_deref().filter(|s| is_file(s)).map(PathBuf::from);
+    target.check([Some(&args.recording), args.background.as_ref()].into_iter().flatten())?;
     let file = calibration.as_ref().map(read_sensor).transpose()?;
     let sensor = match (&file, &args.sensor) {
         (Some(file), _) => Some(file.sensor.clone()),
@@ -108,5 +108,5 @@ pub(super) fn run(args: Args) -> anyhow::Result<Outcome> {
         time: args.time,
         allow_truncated: args.allow_truncated,
     };
-    target.write(&import_recording(&spec)?, calibration.as_deref())
+    target.write(import_recording(&spec)?, calibration.as_deref())
 }
