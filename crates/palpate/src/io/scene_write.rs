@@ -290,7 +290,8 @@ mod tests {
         };
         let pose = |x| Isometry::new(Vector::new(x, 0.1, 0.6), Vector::new(0.0, 0.4, 0.0));
         let contact = Contact {
-            height_map: Raster::from_fn(6, 8, |r, c| -1e-4 * (r + c) as f32),
+            // Below the dome of the relaxed gel everywhere.
+            height_map: Raster::from_fn(6, 8, |r, c| -5e-3 - 1e-4 * (r + c) as f32),
             mask: Raster::from_fn(6, 8, |r, _| r > 2),
         };
         Scene {
