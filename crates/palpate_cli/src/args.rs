@@ -8,11 +8,19 @@ use clap::{Parser, Subcommand};
 #[derive(Parser)]
 #[command(name = "palpate", version, propagate_version = true)]
 pub(crate) struct Args {
-    /// Worker threads; 0 = one per core. The result does not depend on it.
-    #[arg(long, global = true, default_value_t = 0, value_name = "N")]
+    /// Worker threads, at most 512; 0 = one per core. The result does not depend on it.
+    #[arg(long, global = true, default_value_t = 0, value_name = "N", value_parser = threads)]
     threads: usize,
     #[command(subcommand)]
     command: Command,
+}
+
+/// More threads than any machine of one user has cores; thousands of them freeze it.
+const MOST_THREADS: usize = 512;
+
+fn threads(text: &str) -> Result<usize, String> {
+    let number = text.parse().map_err(|e| format!("{e}"))?;
+    if number <= MOST_THREADS { Ok(number) } else { Err(format!("at most {MOST_THREADS} threads are started")) }
 }
 
 #[derive(Subcommand)]

@@ -1,10 +1,10 @@
 //! From flags to a tactile decoder.
 
 use anyhow::{Context as _, bail};
-use palpate::io::{read_color, read_compact_weights, read_lookup_table, read_sensor};
+use palpate::io::{SceneFile, read_color, read_compact_weights, read_lookup_table, read_sensor};
 use palpate::simulate::simulated_lookup_table;
 use palpate::tactile::compact::CompactDecoder;
-use palpate::tactile::{Border, LookupDecoder, NoContact, TactileDecoder, TactileSensor, ThresholdDecoder};
+use palpate::tactile::{Border, LookupDecoder, NoContact, TactileDecoder, TactileSensor, ThresholdDecoder, Touch};
 use std::path::{Path, PathBuf};
 
 /// A way from a tactile image to a contact.
@@ -58,6 +58,112 @@ pub(crate) struct DecoderFiles {
     /// Calibration of this very sensor, for the decoder 'calibrated': the sensor.toml of `palpate calibrate gel`
     #[arg(long, value_name = "TOML")]
     pub(crate) calibration: Option<PathBuf>,
+}
+
+/// Where the height maps of a scene's touches come from.
+#[derive(Debug, Clone, clap::Args)]
+pub(crate) struct TouchDecoder {
+    /// Where height maps come from
+    #[arg(long, value_enum, default_value_t = Source::Auto)]
+    decoder: Source,
+    #[command(flatten)]
+    files: DecoderFiles,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, clap::ValueEnum)]
+enum Source {
+    /// Recorded maps; where a touch has only an image, the gel's calibration if there is one (--calibration, or sensor.toml in
+    /// the scene's folder), else the compact network
+    Auto,
+    /// Recorded maps; images are ignored
+    Recorded,
+    /// Images, by the compact network, also where maps are recorded
+    Compact,
+    /// Images, by colour table and fast Poisson; needs --lookup-table
+    Lookup,
+    /// Images, by the published network; needs --weights and a build with the feature `nn`
+    Fcrn,
+    /// Images, by the gel's calibration: --calibration, or sensor.toml in the scene's folder
+    Calibrated,
+}
+
+impl Source {
+    /// The decoder of images, if any.
+    fn kind(self) -> Option<DecoderKind> {
+        match self {
+            Self::Recorded => None,
+            Self::Auto | Self::Compact => Some(DecoderKind::Compact),
+            Self::Lookup => Some(DecoderKind::Lookup),
+            Self::Fcrn => Some(DecoderKind::Fcrn),
+            Self::Calibrated => Some(DecoderKind::Calibrated),
+        }
+    }
+}
+
+impl TouchDecoder {
+    /// Whether images were asked for, also where maps are recorded.
+    fn wants_images(&self) -> bool {
+        !matches!(self.decoder, Source::Auto | Source::Recorded)
+    }
+
+    /// Recorded maps beside an image go where the images were asked for.
+    pub(crate) fn drop_unwanted_maps(&self, touch: &mut Touch) {
+        if self.wants_images() && touch.image.is_some() {
+            touch.contact = None;
+        }
+    }
+
+    /// What was asked for and is not there, if the scene has no images to decode.
+    fn unused(&self, touches: &[Touch]) -> Option<String> {
+        let without = touches.iter().filter(|t| t.image.is_none()).count();
+        if self.wants_images() && without > 0 {
+            let name = self.decoder.kind().map_or("", DecoderKind::name);
+            let all = touches.len();
+            return Some(format!(
+                "--decoder {name}: {without} of {all} touches have no image; their recorded height maps are used"
+            ));
+        }
+        let files = &self.files;
+        let given = files.calibration.is_some() || files.weights.is_some() || files.lookup_table.is_some();
+        let decoded = touches.iter().any(|t| t.contact.is_none());
+        (given && !decoded && !touches.is_empty() && !self.wants_images()).then(|| {
+            "every touch has a recorded height map, so none is decoded; --decoder says by what the images are to be read"
+                .to_owned()
+        })
+    }
+
+    /// The decoder of the scene's tactile images, if any is to be decoded. Recorded maps beside images are dropped where the images
+    /// were asked for; what is asked for in vain is added to the scene's warnings.
+    ///
+    /// * `more` – whether touches may be added later
+    pub(crate) fn of_scene(
+        &self,
+        file: &mut SceneFile,
+        folder: &Path,
+        more: bool,
+    ) -> anyhow::Result<Option<Box<dyn TactileDecoder>>> {
+        file.warnings.extend(self.unused(&file.scene.touches));
+        let Some(kind) = self.decoder.kind() else { return Ok(None) };
+        file.scene.touches.iter_mut().for_each(|touch| self.drop_unwanted_maps(touch));
+        let with_image = |touch: &Touch| touch.contact.is_none() && touch.image.is_some();
+        let needed = file.scene.touches.iter().any(with_image) || (more && file.tactile_background.is_some());
+        let Some(sensor) = file.scene.sensor.as_ref().filter(|_| needed) else { return Ok(None) };
+        let background = file.tactile_background.clone().with_context(|| {
+            format!(
+                "scene '{}': [sensor] background (the no-contact image) is needed to decode images",
+                file.scene.name
+            )
+        })?;
+        let no_contact = NoContact::new(background, sensor).context("[sensor] background")?;
+        let mut files = self.files.clone();
+        let beside = if folder.is_file() { folder.with_file_name("sensor.toml") } else { folder.join("sensor.toml") };
+        if files.calibration.is_none() && beside.is_file() {
+            files.calibration = Some(beside);
+        }
+        let calibrated = self.decoder == Source::Auto && files.calibration.is_some();
+        let kind = if calibrated { DecoderKind::Calibrated } else { kind };
+        make(kind, no_contact, sensor, &files).map(Some)
+    }
 }
 
 /// Makes a decoder for a sensor whose no-contact image this is.

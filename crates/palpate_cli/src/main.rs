@@ -6,6 +6,7 @@ mod config;
 mod decoders;
 mod progress;
 mod report;
+mod say;
 mod targets;
 mod video;
 

@@ -34,8 +34,13 @@ impl StageClock {
     }
 
     /// Prints a line without tearing the spinner.
-    pub(crate) fn say(&self, line: &str) {
+    fn say(&self, line: &str) {
         self.bar.suspend(|| eprintln!("{line}"));
+    }
+
+    /// Prints a warning without tearing the spinner.
+    pub(crate) fn warn(&self, text: impl std::fmt::Display) {
+        self.say(&crate::say::warning(text));
     }
 
     pub(crate) fn finish(&self) -> Timings {

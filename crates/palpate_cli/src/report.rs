@@ -1,6 +1,7 @@
 //! What a run did, as JSON and as one line.
 
 use crate::progress::Timings;
+use crate::say::count;
 use palpate::geometry::{Topology, TriangleMesh};
 use palpate::io::{self, SceneFile};
 use palpate::pipeline::{ReconstructParams, Reconstruction, SettledTouch, VertexKnowledge, VertexProvenance};
@@ -50,6 +51,7 @@ fn mesh(mesh: &TriangleMesh) -> Value {
     let topology = Topology::of(mesh);
     json!({
         "closed": topology.is_closed(),
+        "genus": topology.genus(),
         "volume_cm3": mesh.volume() * 1e6,
         "area_cm2": mesh.area() * 1e4,
     })
@@ -114,13 +116,14 @@ pub(crate) fn write_json(path: &Path, value: &Value) -> anyhow::Result<()> {
 }
 
 pub(crate) fn one_line(output: &Path, result: &Reconstruction, timings: &Timings) -> String {
+    let genus = Topology::of(&result.mesh).genus().map_or_else(String::new, |genus| format!(", genus {genus}"));
     format!(
-        "{}: {} faces, {:.1} cm³, {} touches, {} symmetries, {:.2} s",
+        "{}: {}, {:.1} cm³{genus}, {}, {}, {:.2} s",
         output.display(),
-        result.mesh.faces.len(),
+        count(result.mesh.faces.len(), "face", "faces"),
         result.mesh.volume() * 1e6,
-        result.touches_used,
-        result.symmetry.accepted.len(),
+        count(result.touches_used, "touch", "touches"),
+        count(result.symmetry.accepted.len(), "symmetry", "symmetries"),
         timings.iter().map(|t| t.1).sum::<f64>()
     )
 }

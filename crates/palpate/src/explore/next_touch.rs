@@ -1,6 +1,6 @@
 use super::{Belief, Candidate, EvidenceDistance, ExploreError, Gain, NextTouchParams, Planner};
 use crate::geometry::{Isometry, Point};
-use crate::pipeline::{Stages, reconstruct};
+use crate::pipeline::{Stages, reconstruct, with_contacts};
 use crate::scene::Scene;
 
 /// A touch worth making.
@@ -37,12 +37,14 @@ impl NextTouch {
 /// Proposes up to `params.count` touches of an object, the best first, each next one on the assumption that the earlier are made.
 ///
 /// Reconstructs the scene with `params.reconstruct`, believes ([`Belief`]), draws reachable poses ([`Planner::candidates`]) and ranks
-/// them ([`rank`]). Gains are positive and do not grow along the list; a touch that is expected to give nothing is not proposed.
+/// them ([`rank`]). Gains are positive and fall along the list; a touch that is expected to give nothing is not proposed.
 ///
 /// # Errors
 /// [`ExploreError`] if a parameter is out of range, no support plane is known, the object cannot be reconstructed, or no pose is reachable.
 pub fn next_touches(scene: &Scene, params: &NextTouchParams, stages: &Stages) -> Result<Vec<NextTouch>, ExploreError> {
     let planner = Planner::new(scene, params)?;
+    // Decoded once: every hypothesis is solved on the same touches.
+    let scene = &with_contacts(scene, params.reconstruct.max_touches.unwrap_or(usize::MAX), stages.decoder)?;
     let current = reconstruct(scene, &params.reconstruct, stages)?;
     let uncertainty = EvidenceDistance::new(&current, &params.belief);
     let belief = Belief::new(scene, &current, &params.reconstruct, &params.belief, &uncertainty)?;

@@ -1,10 +1,11 @@
 //! Meshes and clouds by extension, with the checks that every format shares.
 
 use super::error::read_bytes;
-use super::ply::VertexProperty;
-use super::raw::Raw;
+use super::ply::{PropertyValues, VertexProperty};
+use super::raw::{Raw, VertexValues};
 use super::{IoError, atomic_write, glb, obj, off, pcd, ply, stl};
 use crate::geometry::{Point, PointCloud, TriangleMesh};
+use std::collections::HashMap;
 use std::path::Path;
 
 /// Largest coordinate that any unit explains.
@@ -57,6 +58,18 @@ pub fn read_mesh(path: impl AsRef<Path>) -> Result<TriangleMesh, IoError> {
 /// # Errors
 /// As [`read_mesh`].
 pub fn parse_mesh(name: &Path, bytes: &[u8]) -> Result<TriangleMesh, IoError> {
+    parse_mesh_with(name, bytes).map(|(mesh, _)| mesh)
+}
+
+/// [`read_mesh`] with what the file says of each vertex, if it is the `.ply` of a reconstruction.
+///
+/// # Errors
+/// As [`read_mesh`].
+pub fn read_mesh_with(path: impl AsRef<Path>) -> Result<(TriangleMesh, VertexValues), IoError> {
+    parse_mesh_with(path.as_ref(), &read_bytes(path.as_ref())?)
+}
+
+fn parse_mesh_with(name: &Path, bytes: &[u8]) -> Result<(TriangleMesh, VertexValues), IoError> {
     let raw = parse(name, bytes, ".ply .obj .off .stl")?;
     if let Some((index, p)) = raw.points.iter().enumerate().find(|(_, p)| !is_sane(p)) {
         return Err(IoError::NotFinite { path: name.to_owned(), index, value: [p.x, p.y, p.z] });
@@ -64,7 +77,7 @@ pub fn parse_mesh(name: &Path, bytes: &[u8]) -> Result<TriangleMesh, IoError> {
     if raw.faces.is_empty() {
         return Err(IoError::NoFaces { path: name.to_owned(), vertices: raw.points.len() });
     }
-    Ok(TriangleMesh { vertices: raw.points, faces: raw.faces, colors: raw.colors })
+    Ok((TriangleMesh { vertices: raw.points, faces: raw.faces, colors: raw.colors }, raw.knowledge))
 }
 
 /// Reads a point cloud by extension: `.ply`, `.pcd`, or the vertices of a mesh. NaN points are left out silently; use
@@ -117,6 +130,11 @@ pub(super) fn check_mesh_extension(path: &Path) -> Result<(), IoError> {
     Err(IoError::Extension { path: path.to_owned(), known })
 }
 
+/// Checks that [`write_cloud`] knows the extension.
+pub(super) fn check_cloud_extension(path: &Path) -> Result<(), IoError> {
+    if extension(path) == "ply" { Ok(()) } else { Err(IoError::Extension { path: path.to_owned(), known: ".ply" }) }
+}
+
 /// Writes a mesh by extension: `.ply` (binary little endian), `.obj`, `.stl` (binary) or `.glb`; vertex colours where the format
 /// has them (not STL). Coordinates become 32-bit floats.
 ///
@@ -155,21 +173,44 @@ pub fn write_mesh_with(
     }
 }
 
+impl VertexValues {
+    /// Whether nothing is said.
+    pub fn is_empty(&self) -> bool {
+        self.sigma_mm.is_none() && self.provenance.is_none()
+    }
+
+    /// As [`write_mesh_with`] takes them.
+    pub fn properties(&self) -> Vec<VertexProperty<'_>> {
+        let sigma = self.sigma_mm.as_deref().map(PropertyValues::Float);
+        let provenance = self.provenance.as_deref().map(PropertyValues::Uchar);
+        let named = [("sigma_mm", sigma), ("provenance", provenance)];
+        named.into_iter().filter_map(|(name, values)| Some(VertexProperty { name, values: values? })).collect()
+    }
+
+    /// The values of the vertices of `after`, each of which is a vertex of `before` that has them; `None` if another is among them.
+    pub fn carried(&self, before: &TriangleMesh, after: &TriangleMesh) -> Option<Self> {
+        let key = |p: &Point| [p.x, p.y, p.z].map(|c| (c + 0.0).to_bits());
+        let at: HashMap<[u64; 3], usize> = before.vertices.iter().enumerate().map(|(i, p)| (key(p), i)).collect();
+        let from: Vec<usize> = after.vertices.iter().map(|p| at.get(&key(p)).copied()).collect::<Option<_>>()?;
+        Some(Self {
+            sigma_mm: self.sigma_mm.as_ref().map(|values| from.iter().map(|&i| values[i]).collect()),
+            provenance: self.provenance.as_ref().map(|values| from.iter().map(|&i| values[i]).collect()),
+        })
+    }
+}
+
 /// Writes a cloud as binary little endian PLY with its normals and colours.
 ///
 /// # Errors
 /// [`IoError::Extension`] if the name does not end in `.ply`, else as [`atomic_write`].
 pub fn write_cloud(path: impl AsRef<Path>, cloud: &PointCloud) -> Result<(), IoError> {
     let path = path.as_ref();
-    if extension(path) != "ply" {
-        return Err(IoError::Extension { path: path.to_owned(), known: ".ply" });
-    }
+    check_cloud_extension(path)?;
     atomic_write(path, |w| ply::write(w, &cloud.points, cloud.normals.as_deref(), cloud.colors.as_deref(), None, &[]))
 }
 
 #[cfg(test)]
 mod tests {
-    use super::super::ply::PropertyValues;
     use super::*;
     use crate::geometry::Vector;
 
@@ -210,7 +251,17 @@ mod tests {
             VertexProperty { name: "provenance", values: PropertyValues::Uchar(&kind) },
         ];
         write_mesh_with(&path, &mesh, &properties).expect("written");
-        assert_eq!(read_mesh(&path).expect("our reader skips what it does not know"), mesh);
+        let (back, values) = read_mesh_with(&path).expect("read");
+        assert_eq!(back, mesh);
+        assert_eq!(values, VertexValues { sigma_mm: Some(sigma.to_vec()), provenance: Some(kind.to_vec()) });
+        assert_eq!(values.properties(), properties);
+        let mut part = mesh.clone();
+        part.vertices.swap(0, 3);
+        part.vertices.truncate(2);
+        let carried = values.carried(&mesh, &part).expect("its own vertices");
+        assert_eq!(carried, VertexValues { sigma_mm: Some(vec![4.0, 1.0]), provenance: Some(vec![3, 1]) });
+        part.vertices[0].x += 1e-6;
+        assert_eq!(values.carried(&mesh, &part), None, "a vertex was moved");
         let mut file = std::io::BufReader::new(std::fs::File::open(&path).expect("there"));
         let ply = ply_rs_bw::parser::Parser::<ply_rs_bw::ply::DefaultElement>::new().read_ply(&mut file);
         let vertices = &ply.expect("another reader opens it").payload["vertex"];

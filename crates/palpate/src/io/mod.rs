@@ -40,18 +40,21 @@ pub use images::{
 };
 pub use lookup_table::read_lookup_table;
 pub use mesh_files::{
-    CloudFile, parse_cloud, parse_mesh, read_cloud, read_cloud_file, read_mesh, write_cloud, write_mesh,
-    write_mesh_with,
+    CloudFile, parse_cloud, parse_mesh, read_cloud, read_cloud_file, read_mesh, read_mesh_with, write_cloud,
+    write_mesh, write_mesh_with,
 };
 pub use npy::{NpyArray, parse_npy, read_height_map_npy, read_npy, write_height_map_npy, write_npy};
 pub use object_split::{ObjectSplit, SplitPart, parse_object_split, read_object_split};
 pub use ply::{PropertyValues, VertexProperty};
 pub use press_set::{PressSet, PressSetHeader, begin_press_set, has_press_shard, write_press_shard};
+pub use raw::VertexValues;
 pub use scene::{SceneCheck, SceneFile, check_scene, read_scene};
 pub use scene_append::SceneAppender;
 pub use scene_follow::{SceneChange, SceneFollower};
-pub use scene_write::{NewScene, SceneToWrite, depth_unit, init_scene, write_scene};
+pub use scene_write::{NewScene, SceneMade, SceneToWrite, depth_unit, init_scene, write_scene};
 pub use sensor_file::{SensorFile, copy_sensor, read_sensor, write_sensor};
-pub use text::{check_folder, check_mesh_output, check_writable, create_folder, read_text, write_text};
+pub use text::{
+    check_cloud_output, check_folder, check_mesh_output, check_writable, create_folder, read_text, write_text,
+};
 pub use weights::read_compact_weights;
 pub use ycb_sight::{YcbSightFile, read_ycb_sight, read_ycb_sight_press, write_ycb_sight};

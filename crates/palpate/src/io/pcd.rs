@@ -261,7 +261,7 @@ impl Columns {
             points: self.points,
             normals: self.normal.map(|_| self.normals),
             colors: self.color.map(|_| self.colors),
-            faces: Vec::new(),
+            ..Raw::default()
         }
     }
 }

@@ -235,9 +235,9 @@ fn skip(values: &mut Values, property: &Property) -> Result<(), String> {
     }
 }
 
-/// Where a vertex property goes: 0–2 position, 3–5 normal, 6–8 colour.
+/// Where a vertex property goes: 0–2 position, 3–5 normal, 6–8 colour, 9 σ, 10 provenance.
 fn slot(name: &[u8]) -> Option<usize> {
-    let names: [&[&[u8]]; 9] = [
+    let names: [&[&[u8]]; 11] = [
         &[b"x"],
         &[b"y"],
         &[b"z"],
@@ -247,6 +247,8 @@ fn slot(name: &[u8]) -> Option<usize> {
         &[b"red", b"r", b"diffuse_red"],
         &[b"green", b"g", b"diffuse_green"],
         &[b"blue", b"b", b"diffuse_blue"],
+        &[b"sigma_mm"],
+        &[b"provenance"],
     ];
     names.iter().position(|n| n.contains(&name))
 }
@@ -259,15 +261,17 @@ fn vertices(values: &mut Values, element: &Element, count: usize, raw: &mut Raw)
         return Err("the vertices have no x, y and z".into());
     }
     let (has_normals, has_colors) = (has(3..6), has(6..9));
+    let (has_sigma, has_provenance) = (has(9..10), has(10..11));
     let (mut normals, mut colors) = (Vec::new(), Vec::new());
+    let (mut sigma, mut provenance) = (Vec::new(), Vec::new());
     raw.points.reserve(count);
     for i in 0..count {
-        let mut v = [0.0; 9];
+        let mut v = [0.0; 11];
         for (property, slot) in element.properties.iter().zip(&slots) {
             let done = match *slot {
                 None => skip(values, property),
                 Some(s) => values.next(property.scalar).map(|x| {
-                    v[s] = if s >= 6 { f64::from(property.scalar.channel(x)) } else { x };
+                    v[s] = if (6..9).contains(&s) { f64::from(property.scalar.channel(x)) } else { x };
                 }),
             };
             done.map_err(|reason| format!("vertex {i}: {reason}"))?;
@@ -279,9 +283,17 @@ fn vertices(values: &mut Values, element: &Element, count: usize, raw: &mut Raw)
         if has_colors {
             colors.push([v[6] as u8, v[7] as u8, v[8] as u8]);
         }
+        if has_sigma {
+            sigma.push(v[9] as f32);
+        }
+        if has_provenance {
+            provenance.push(v[10] as u8);
+        }
     }
     raw.normals = has_normals.then_some(normals);
     raw.colors = has_colors.then_some(colors);
+    raw.knowledge.sigma_mm = has_sigma.then_some(sigma);
+    raw.knowledge.provenance = has_provenance.then_some(provenance);
     Ok(())
 }
 

@@ -9,6 +9,16 @@ pub(super) struct Raw {
     pub(super) normals: Option<Vec<Vector>>,
     pub(super) colors: Option<Vec<[u8; 3]>>,
     pub(super) faces: Vec<[u32; 3]>,
+    pub(super) knowledge: VertexValues,
+}
+
+/// What a `.ply` of a reconstruction says of each vertex; absent where the file does not.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct VertexValues {
+    /// How far the vertex may be off, millimetres.
+    pub sigma_mm: Option<Vec<f32>>,
+    /// What it rests on: 0 seen, 1 felt, 2 guessed, 3 extrapolated.
+    pub provenance: Option<Vec<u8>>,
 }
 
 impl Raw {

@@ -340,9 +340,13 @@ impl Loader {
     /// What is readable but hardly meant.
     fn doubts(&mut self, scene: &Scene) {
         let frame = &scene.frame;
-        let mut seen: Vec<f32> = frame.depth.as_slice().iter().copied().filter(|z| z.is_finite()).collect();
-        let share = seen.len() as f64 / frame.depth.as_slice().len() as f64;
-        if let Some(text) = implausible_median(&mut seen) {
+        let depth = frame.depth.as_slice();
+        let share = depth.iter().filter(|z| z.is_finite()).count() as f64 / depth.len() as f64;
+        // Of the object where it is marked: the room behind it may be large.
+        let marked = |i: usize| frame.mask.as_ref().is_none_or(|mask| mask.as_slice()[i]);
+        let mut seen: Vec<f32> =
+            (0..depth.len()).filter(|&i| marked(i) && depth[i].is_finite()).map(|i| depth[i]).collect();
+        if let Some(text) = median(&mut seen).and_then(implausible_median) {
             self.warn(format!("[depth] {text}"));
         }
         if share < 0.01 {
@@ -360,6 +364,11 @@ impl Loader {
             }
             if marked == mask.as_slice().len() {
                 self.warn("[mask] every pixel is marked; 255 is the object, 0 everything else");
+            } else if border_share(mask) > 0.9 {
+                self.warn(format!(
+                    "[mask] {:.0} % of the image border is marked as the object; is the mask inverted (255 is the object, 0 everything else)?",
+                    100.0 * border_share(mask)
+                ));
             }
         }
         self.doubtful_touches(scene);
@@ -391,15 +400,9 @@ impl Loader {
             if !contact.mask.as_slice().contains(&true) {
                 self.warn(format!("[[touches]] {i}: the contact mask is empty: nothing was touched"));
             }
-            let (rows, cols) = contact.height_map.shape();
-            let relaxed = sensor.relaxed(rows, cols);
-            let above =
-                contact.height_map.as_slice().iter().zip(relaxed.as_slice()).map(|(z, r)| z - r).fold(0.0, f32::max);
-            if above > 0.0005 {
-                self.warn(format!(
-                    "[[touches]] {i}: the height map rises {:.2} mm over the relaxed gel; z points out of the gel and an indentation is negative",
-                    1000.0 * above
-                ));
+            // A reconstruction would stop there.
+            if let Err(error) = contact.validate(sensor) {
+                self.need(false, || format!("[[touches]] {i}: {error}"));
             }
         }
     }
@@ -407,12 +410,24 @@ impl Loader {
 
 type Recorded = (Option<Result<Contact, IoError>>, Option<Result<Raster<[u8; 3]>, IoError>>);
 
-/// Says so if the median of the readings (reordered here) is no working distance of a depth camera.
-pub(super) fn implausible_median(depth: &mut [f32]) -> Option<String> {
+/// The median of the readings, which are reordered.
+pub(super) fn median(depth: &mut [f32]) -> Option<f32> {
     let middle = depth.len() / 2;
-    let (_, &mut median, _) = (!depth.is_empty()).then(|| depth.select_nth_unstable_by(middle, f32::total_cmp))?;
-    (!(0.1..=10.0).contains(&median))
+    (!depth.is_empty()).then(|| *depth.select_nth_unstable_by(middle, f32::total_cmp).1)
+}
+
+/// Says so if a median depth is no distance from which something that a fingertip explores is looked at, metres.
+pub(super) fn implausible_median(median: f32) -> Option<String> {
+    (!(0.1..=3.0).contains(&median))
         .then(|| format!("the median depth is {median:.4} m; is metres_per_unit right (0.001 and 0.0001 are usual)?"))
+}
+
+/// Share of the image border that is marked.
+fn border_share(mask: &Raster<bool>) -> f64 {
+    let (rows, cols) = mask.shape();
+    let border = mask.pixels().filter(|(r, c, _)| *r == 0 || *c == 0 || r + 1 == rows || c + 1 == cols);
+    let (marked, all) = border.fold((0, 0), |(marked, all), (_, _, m)| (marked + usize::from(*m), all + 1));
+    f64::from(marked as u32) / f64::from(all.max(1) as u32)
 }
 
 fn sized_by<T>(

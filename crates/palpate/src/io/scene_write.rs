@@ -2,7 +2,7 @@
 
 use super::error::read_bytes;
 use super::images::check_depth;
-use super::scene::implausible_median;
+use super::scene::{implausible_median, median};
 use super::scene_format::{
     self, BackgroundToml, CameraToml, DepthToml, FileToml, PoseSigmaToml, PoseToml, SceneToml, SensorToml, SupportToml,
     TouchToml, TruthToml,
@@ -210,11 +210,20 @@ pub struct NewScene {
     pub overwrite: bool,
 }
 
-/// Makes a scene folder without touches: checks the images, copies them and writes `scene.toml`. Returns what is doubtful.
+/// What [`init_scene`] found.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SceneMade {
+    /// Median of the depth readings, metres.
+    pub median_depth: Option<f32>,
+    /// What is doubtful.
+    pub warnings: Vec<String>,
+}
+
+/// Makes a scene folder without touches: checks the images, copies them and writes `scene.toml`.
 ///
 /// # Errors
 /// [`IoError`] naming the image that cannot be read or has another size than the depth image, or why nothing can be written.
-pub fn init_scene(folder: impl AsRef<Path>, new: &NewScene) -> Result<Vec<String>, IoError> {
+pub fn init_scene(folder: impl AsRef<Path>, new: &NewScene) -> Result<SceneMade, IoError> {
     let folder = folder.as_ref();
     let target = folder.join("scene.toml");
     if target.exists() && !new.overwrite {
@@ -223,7 +232,9 @@ pub fn init_scene(folder: impl AsRef<Path>, new: &NewScene) -> Result<Vec<String
     let bytes = read_bytes(&new.depth)?;
     let depth = parse_depth_png(&new.depth, &bytes, new.metres_per_unit)?;
     let mut readings: Vec<f32> = depth.as_slice().iter().copied().filter(|z| z.is_finite()).collect();
-    let warnings = implausible_median(&mut readings).map(|text| format!("{}: {text}", new.depth.display()));
+    let median_depth = median(&mut readings);
+    let doubt = median_depth.and_then(implausible_median);
+    let warnings = doubt.into_iter().map(|text| format!("{}: {text}", new.depth.display())).collect();
     let camera = PinholeCamera { width: depth.cols(), height: depth.rows(), ..new.intrinsics };
     camera.validate().map_err(|e| IoError::content(&new.depth, format!("the intrinsics do not fit: {e}")))?;
 
@@ -265,7 +276,7 @@ pub fn init_scene(folder: impl AsRef<Path>, new: &NewScene) -> Result<Vec<String
         atomic_write(folder.join(file), |w| w.write_all(&bytes))?;
     }
     write_text(folder, &toml)?;
-    Ok(warnings.into_iter().collect())
+    Ok(SceneMade { median_depth, warnings })
 }
 
 #[cfg(test)]
@@ -289,7 +300,8 @@ mod tests {
         };
         let pose = |x| Isometry::new(Vector::new(x, 0.1, 0.6), Vector::new(0.0, 0.4, 0.0));
         let contact = Contact {
-            height_map: Raster::from_fn(6, 8, |r, c| -1e-4 * (r + c) as f32),
+            // Below the dome of the relaxed gel everywhere.
+            height_map: Raster::from_fn(6, 8, |r, c| -5e-3 - 1e-4 * (r + c) as f32),
             mask: Raster::from_fn(6, 8, |r, _| r > 2),
         };
         Scene {

@@ -38,6 +38,15 @@ pub fn check_mesh_output(path: impl AsRef<Path>) -> Result<(), IoError> {
     super::mesh_files::check_mesh_extension(path.as_ref())
 }
 
+/// Checks that a cloud could be written under this name: `.ply`, and as [`check_writable`].
+///
+/// # Errors
+/// [`IoError::Extension`], or as [`check_writable`].
+pub fn check_cloud_output(path: impl AsRef<Path>) -> Result<(), IoError> {
+    check_writable(path.as_ref())?;
+    super::mesh_files::check_cloud_extension(path.as_ref())
+}
+
 /// Checks that an output file could be written, before hours are spent on what goes into it.
 ///
 /// # Errors

@@ -49,7 +49,7 @@ pub struct Comparison {
     pub note: Option<String>,
     /// Every edge of the prediction has exactly two faces (corners joined by index or by position).
     pub watertight: bool,
-    /// Every edge of the prediction has exactly two faces (corners joined by index).
+    /// No edge of the prediction has three faces or more (corners joined by index).
     pub edge_manifold: bool,
     /// Parts of the prediction, joined by edges.
     pub components: usize,
@@ -111,7 +111,7 @@ impl TruthReference {
             volumetric_iou: iou_with_rules(predicted, rules.0, &self.surface.mesh, rules.1, &iou),
             note: note(rules.0, rules.1),
             watertight: judged.watertight,
-            edge_manifold: topology.is_closed() && topology.is_edge_manifold(),
+            edge_manifold: topology.is_edge_manifold(),
             components: topology.components,
             faces: predicted.faces.len(),
             hidden,
@@ -198,7 +198,7 @@ mod tests {
         assert_eq!(c.volumetric_iou, None);
         assert_eq!(c.note.as_deref(), Some("the predicted mesh is open: no volumetric IoU"));
         assert!(c.distances.accuracy_mm < 1e-9 && c.distances.completeness_mm > 1.0);
-        assert!(!c.watertight);
+        assert!(!c.watertight && c.edge_manifold, "a hole has no edge of three faces");
     }
 
     #[test]

@@ -1,6 +1,7 @@
 use super::uncertainty::{Guesses, VertexKnowledge, VertexProvenance};
 use crate::camera::{Frame, Visible};
 use crate::geometry::{KdTree, Point, TriangleMesh, Vector};
+use crate::render::palette;
 use serde::{Deserialize, Serialize};
 
 /// What the vertices of the result are coloured by.
@@ -12,7 +13,7 @@ pub enum ColorBy {
     None,
     /// σ: blue 0.2 mm and less, through green and yellow, to red 10 mm and more; logarithmic.
     Sigma,
-    /// Seen green, felt orange, guessed blue, extrapolated grey.
+    /// The colours of every picture ([`palette`]): seen blue grey, felt green, guessed orange, extrapolated grey.
     Provenance,
     /// The frame's image where it shows the surface, moved with the evidence where that was copied, else the nearest coloured vertex.
     Image,
@@ -37,14 +38,25 @@ pub(super) fn paint(
 ) -> Option<Vec<[u8; 3]>> {
     match by {
         ColorBy::None => None,
-        ColorBy::Sigma => Some(knowledge?.sigma.iter().map(|s| ramp(*s)).collect()),
+        ColorBy::Sigma => Some(knowledge?.sigma.iter().map(|s| sigma_color(*s)).collect()),
         ColorBy::Provenance => Some(knowledge?.provenance.iter().map(|p| provenance_color(*p)).collect()),
         ColorBy::Image => image_colors(mesh, frame, visible, guesses),
     }
 }
 
-/// Colour of a σ, metres.
-fn ramp(sigma: f64) -> [u8; 3] {
+/// What was missing for the colours asked for, if a mesh did not get them.
+pub(super) fn missing(by: ColorBy, mesh: &TriangleMesh, frame: &Frame) -> Option<&'static str> {
+    match by {
+        _ if mesh.colors.is_some() => None,
+        ColorBy::None => None,
+        ColorBy::Sigma | ColorBy::Provenance => Some("the parameter 'uncertainty' is off"),
+        ColorBy::Image if frame.color.is_none() => Some("the scene has no colour image"),
+        ColorBy::Image => Some("the colour image shows no vertex"),
+    }
+}
+
+/// Colour of a σ, metres; the same in every picture: blue 0.2 mm and less, red 10 mm and more.
+pub fn sigma_color(sigma: f64) -> [u8; 3] {
     let [low, high] = SIGMA_RANGE;
     let at = ((sigma / low).ln() / (high / low).ln()).clamp(0.0, 1.0) * (RAMP.len() - 1) as f64;
     let below = (at.floor() as usize).min(RAMP.len() - 2);
@@ -52,12 +64,13 @@ fn ramp(sigma: f64) -> [u8; 3] {
     std::array::from_fn(|c| (RAMP[below][c] * (1.0 - t) + RAMP[below + 1][c] * t).round() as u8)
 }
 
-fn provenance_color(provenance: VertexProvenance) -> [u8; 3] {
+/// Colour of what a vertex rests on, the same in every picture.
+pub fn provenance_color(provenance: VertexProvenance) -> [u8; 3] {
     match provenance {
-        VertexProvenance::Seen => [90, 170, 90],
-        VertexProvenance::Felt => [240, 140, 40],
-        VertexProvenance::Guessed => [70, 120, 200],
-        VertexProvenance::Extrapolated => [160, 160, 160],
+        VertexProvenance::Seen => palette::SEEN,
+        VertexProvenance::Felt => palette::FELT,
+        VertexProvenance::Guessed => palette::GUESSED,
+        VertexProvenance::Extrapolated => palette::EXTRAPOLATED,
     }
 }
 
@@ -95,11 +108,21 @@ mod tests {
     use super::*;
 
     #[test]
+    fn provenance_has_the_colours_of_every_picture() {
+        let kinds = [0, 1, 2, 3].map(|n| VertexProvenance::from_number(n).expect("four kinds"));
+        assert_eq!(
+            kinds.map(provenance_color),
+            [palette::SEEN, palette::FELT, palette::GUESSED, palette::EXTRAPOLATED]
+        );
+        assert_eq!(VertexProvenance::from_number(4), None);
+    }
+
+    #[test]
     fn the_scale_runs_from_blue_to_red_and_stays_there() {
-        assert_eq!(ramp(0.0), ramp(2e-4));
-        assert_eq!(ramp(1.0), [190, 20, 40]);
-        assert_eq!(ramp(f64::INFINITY), [190, 20, 40]);
+        assert_eq!(sigma_color(0.0), sigma_color(2e-4));
+        assert_eq!(sigma_color(1.0), [190, 20, 40]);
+        assert_eq!(sigma_color(f64::INFINITY), [190, 20, 40]);
         let middle = (2e-4f64 * 10e-3).sqrt();
-        assert_eq!(ramp(middle), [120, 190, 90]);
+        assert_eq!(sigma_color(middle), [120, 190, 90]);
     }
 }

@@ -28,6 +28,9 @@ pub enum ReconstructError {
         /// What is wrong.
         source: LiftError,
     },
+    /// A parameter of lifting is out of range.
+    #[error(transparent)]
+    LiftParams(LiftError),
     /// There are touches but no sensor.
     #[error("the scene has {touches} touches but no sensor: its pixel pitch and relaxed gel are needed")]
     NoSensor {
@@ -59,6 +62,9 @@ pub enum ReconstructError {
     /// Touches are followed by the implicit surface of `fused`.
     #[error("touches can only be followed with method 'fused' and surface 'implicit'")]
     NotIncremental,
+    /// Colours are a matter of `fused`.
+    #[error("method 'paper' knows nothing of single vertices: its color can only be 'none'")]
+    ColorPaper,
     /// The implicit surface is a matter of `fused`.
     #[error("method 'paper' meshes by 'poisson' or 'ball-pivoting', not by 'implicit'")]
     ImplicitPaper,

@@ -1,11 +1,11 @@
-use super::reconstruct::{Reconstruction, Stages, Warning, felt_cloud};
+use super::reconstruct::{Reconstruction, Stages, Warning, felt_cloud, mesh_warnings};
 use super::trust::{Settled, settle};
 use super::uncertainty::{Guesses, vertex_knowledge};
 use super::{ReconstructError, ReconstructParams, Surface, VertexKnowledge, color, stages as step};
 use crate::camera::{Visible, segment_object};
 use crate::completion::{MovedEvidence, move_evidence};
 use crate::evidence::{Evidence, Sample};
-use crate::geometry::{PointCloud, Topology, TriangleMesh};
+use crate::geometry::{PointCloud, TriangleMesh};
 use crate::scene::Scene;
 use crate::surface::{
     ImplicitField, ImplicitProblem, SurfaceError, WeightedSample, ball_pivoting, screened_poisson, solve_implicit,
@@ -72,9 +72,7 @@ pub(super) fn reconstruct(
         let reason = "the implicit function is nowhere negative".into();
         return Err(SurfaceError::NoSurface { points: measured.len(), reason }.into());
     }
-    if !Topology::of(&mesh).is_closed() {
-        warnings.push(Warning::Open);
-    }
+    warnings.extend(mesh_warnings(&mesh));
 
     // Doubt: how sure each vertex is, and of what kind.
     stages.begin("doubt");
@@ -82,6 +80,7 @@ pub(super) fn reconstruct(
     let knowledge = params.uncertainty.then(|| vertex_knowledge(&mesh, &evidence, &guesses));
     warnings.extend(knowledge.as_ref().and_then(VertexKnowledge::warning));
     mesh.colors = color::paint(&mesh, params.color, knowledge.as_ref(), &scene.frame, &visible, &guesses);
+    warnings.extend(color::missing(params.color, &mesh, &scene.frame).map(|reason| Warning::NotColored { reason }));
     let visible_cloud = visible.cloud(&scene.frame);
     let result = Reconstruction {
         mesh,

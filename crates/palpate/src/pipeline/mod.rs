@@ -15,10 +15,11 @@ mod trust;
 mod uncertainty;
 mod vertices;
 
-pub use color::ColorBy;
+pub use color::{ColorBy, provenance_color, sigma_color};
 pub use error::ReconstructError;
 pub use paper::{PaperError, PaperParams, PaperResult, PaperSurface, reconstruct_paper};
 pub use params::{Method, ReconstructParams, Surface, TouchParams};
 pub use reconstruct::{Reconstruction, SettledTouch, Stages, Warning, reconstruct};
 pub use session::{Followed, Session, Update};
+pub use stages::with_contacts;
 pub use uncertainty::{SigmaTerms, VertexKnowledge, VertexProvenance};

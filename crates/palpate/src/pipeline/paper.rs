@@ -4,11 +4,11 @@
 //! normals are oriented by how each point was measured, the mirrored copy stays where the plane puts it, touch poses are used as
 //! given, and a ray deletes only mirrored points on its own side of the centre.
 
-use super::reconstruct::{Reconstruction, Stages, Warning, cut_by_border};
+use super::reconstruct::{Reconstruction, Stages, cut_by_border, mesh_warnings};
 use super::{ReconstructError, ReconstructParams, Surface, stages as step};
 use crate::camera::{Frame, Visible, segment_object};
 use crate::completion::{EliminationParams, best_plane, contradicted};
-use crate::geometry::{Aabb, Plane, Point, PointCloud, Topology, TriangleMesh, voxel_average};
+use crate::geometry::{Aabb, Plane, Point, PointCloud, TriangleMesh, voxel_average};
 use crate::scene::Scene;
 use crate::surface::{BallPivotingParams, PoissonParams, SurfaceError, ball_pivoting, screened_poisson};
 use crate::tactile::Patch;
@@ -152,9 +152,7 @@ pub(super) fn reconstruct(
     };
     let paper = PaperParams { surface, ..params.paper.clone() };
     let result = reconstruct_paper(&scene.frame, &visible, &patches, plane.as_ref(), &paper)?;
-    if !Topology::of(&result.mesh).is_closed() {
-        warnings.push(Warning::Open);
-    }
+    warnings.extend(mesh_warnings(&result.mesh));
     Ok(Reconstruction {
         mesh: result.mesh,
         visible: visible.cloud(&scene.frame),
@@ -228,7 +226,7 @@ fn cloud_of(patch: &Patch) -> PointCloud {
 mod tests {
     use super::*;
     use crate::camera::{Background, DepthNoise, PinholeCamera};
-    use crate::geometry::{Isometry, Raster, Vector};
+    use crate::geometry::{Isometry, Raster, Topology, Vector};
     use std::f64::consts::PI;
 
     const RADIUS: f64 = 0.04;

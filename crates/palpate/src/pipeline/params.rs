@@ -134,11 +134,43 @@ impl TouchParams {
             ("touches.check.body_margin", check.body_margin),
             ("touches.check.body_length", check.body_length),
         ];
-        match positive.into_iter().find(|(_, value)| !(value.is_finite() && *value > 0.0)) {
-            Some((field, value)) => Err(ReconstructError::Params { field, value, rule: "positive and finite" }),
-            None => Ok(()),
+        if check.body_samples == 0 {
+            return Err(ReconstructError::Params {
+                field: "touches.check.body_samples",
+                value: 0.0,
+                rule: "at least 1",
+            });
+        }
+        all_positive(&positive)
+    }
+}
+
+fn all_positive(fields: &[(&'static str, f64)]) -> Result<(), ReconstructError> {
+    match fields.iter().find(|(_, value)| !(value.is_finite() && *value > 0.0)) {
+        Some(&(field, value)) => Err(ReconstructError::Params { field, value, rule: "positive and finite" }),
+        None => Ok(()),
+    }
+}
+
+fn check_orbit(orbit: &OrbitParams) -> Result<(), ReconstructError> {
+    all_positive(&[
+        ("orbit.free_tolerance", orbit.free_tolerance),
+        ("orbit.measured_radius", orbit.measured_radius),
+        ("orbit.normal_scale", orbit.normal_scale),
+        ("orbit.orbit_radius", orbit.orbit_radius),
+        ("orbit.arc", orbit.arc),
+        ("orbit.full_score", orbit.full_score),
+    ])?;
+    for (field, value, most, rule) in [
+        ("orbit.weight", orbit.weight, f64::MAX, "at least 0 and finite"),
+        ("orbit.orientation", orbit.orientation, f64::MAX, "at least 0 and finite"),
+        ("orbit.orbit_violations", orbit.orbit_violations, 1.0, "in [0, 1]"),
+    ] {
+        if !(0.0..=most).contains(&value) {
+            return Err(ReconstructError::Params { field, value, rule });
         }
     }
+    Ok(())
 }
 
 impl ReconstructParams {
@@ -147,17 +179,14 @@ impl ReconstructParams {
     /// # Errors
     /// The first that is out of range, with field, value and rule.
     pub fn validate(&self) -> Result<(), ReconstructError> {
-        let positive = |field: &'static str, value: f64| {
-            let good = value.is_finite() && value > 0.0;
-            if good { Ok(()) } else { Err(ReconstructError::Params { field, value, rule: "positive and finite" }) }
-        };
-        positive("full_weight_sigma", self.full_weight_sigma)?;
-        positive("touches.max_in_free_space", self.touches.max_in_free_space)?;
-        positive("touches.max_diagonals", self.touches.max_diagonals)?;
-        positive("orbit.arc", self.orbit.arc)?;
-        positive("orbit.full_score", self.orbit.full_score)?;
-        positive("orbit.free_tolerance", self.orbit.free_tolerance)?;
+        all_positive(&[
+            ("full_weight_sigma", self.full_weight_sigma),
+            ("touches.max_in_free_space", self.touches.max_in_free_space),
+            ("touches.max_diagonals", self.touches.max_diagonals),
+        ])?;
+        check_orbit(&self.orbit)?;
         self.touches.validate()?;
+        self.lift.validate().map_err(ReconstructError::LiftParams)?;
         self.segment.validate()?;
         self.evidence.validate()?;
         self.symmetry.validate()?;
@@ -166,6 +195,9 @@ impl ReconstructParams {
             self.paper.validate()?;
             if self.surface == Some(Surface::Implicit) {
                 return Err(ReconstructError::ImplicitPaper);
+            }
+            if self.color != ColorBy::None {
+                return Err(ReconstructError::ColorPaper);
             }
         }
         Ok(())
@@ -189,5 +221,34 @@ impl ReconstructParams {
                 PaperSurface::BallPivoting => Surface::BallPivoting,
             },
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_parameter_out_of_range_is_named_before_the_work() {
+        let cases: [(fn(&mut ReconstructParams), &str); 11] = [
+            (|p| p.orbit.weight = f64::NAN, "'orbit.weight' is NaN"),
+            (|p| p.orbit.weight = -0.1, "'orbit.weight' is -0.1; it must be at least 0"),
+            (|p| p.orbit.normal_scale = 0.0, "'orbit.normal_scale' is 0"),
+            (|p| p.orbit.measured_radius = -1.0, "'orbit.measured_radius' is -1"),
+            (|p| p.orbit.orbit_radius = 0.0, "'orbit.orbit_radius' is 0"),
+            (|p| p.orbit.orbit_violations = 1.5, "'orbit.orbit_violations' is 1.5; it must be in [0, 1]"),
+            (|p| p.orbit.orientation = f64::INFINITY, "'orbit.orientation' is inf"),
+            (|p| p.orbit.arc = 0.0, "'orbit.arc' is 0"),
+            (|p| p.touches.check.body_samples = 0, "'touches.check.body_samples' is 0; it must be at least 1"),
+            (|p| p.lift.spacing = 0.0, "lift.spacing is 0; it must be positive"),
+            (|p| (p.method, p.color) = (Method::Paper, ColorBy::Sigma), "color can only be 'none'"),
+        ];
+        for (change, wanted) in cases {
+            let mut params = ReconstructParams::default();
+            change(&mut params);
+            let said = params.validate().expect_err(wanted).to_string();
+            assert!(said.contains(wanted), "{said}");
+        }
+        assert_eq!(ReconstructParams::default().validate().map_err(|e| e.to_string()), Ok(()));
     }
 }

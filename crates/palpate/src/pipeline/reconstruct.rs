@@ -1,5 +1,5 @@
 use super::{Method, ReconstructError, ReconstructParams, VertexKnowledge, fused, paper};
-use crate::geometry::{Isometry, PointCloud, TriangleMesh};
+use crate::geometry::{Isometry, PointCloud, Topology, TriangleMesh};
 use crate::scene::Scene;
 use crate::symmetry::{EvidenceSearch, Symmetry, SymmetryEstimator};
 use crate::tactile::{Patch, TactileDecoder};
@@ -35,6 +35,21 @@ pub enum Warning {
     },
     /// The mesh has holes.
     Open,
+    /// The object is larger than what a fingertip explores: a wrong unit of the depth image?
+    Large {
+        /// Its longest side, metres.
+        side: f64,
+    },
+    /// The surface has more handles than an object has: it is torn.
+    Handles {
+        /// Its genus.
+        genus: usize,
+    },
+    /// The vertices have no colours though some were asked for.
+    NotColored {
+        /// What is missing.
+        reason: &'static str,
+    },
     /// Nothing says what the object stands on: how far down it reaches is guessed.
     NoSupport,
     /// Much of the surface rests on no evidence at all.
@@ -49,7 +64,7 @@ pub enum Warning {
 impl Warning {
     /// Whether something that was recorded was not used or the result is not what was asked for; else it only says what is not known.
     pub fn is_loss(&self) -> bool {
-        !matches!(self, Self::NoSupport | Self::Extrapolated { .. })
+        !matches!(self, Self::NoSupport | Self::Extrapolated { .. } | Self::Large { .. } | Self::Handles { .. })
     }
 }
 
@@ -142,6 +157,15 @@ impl fmt::Display for Warning {
                 100.0 * share
             ),
             Self::Open => write!(f, "the mesh is not closed"),
+            Self::Large { side } => write!(
+                f,
+                "the object is {side:.2} m long; is the unit of the depth image right (metres_per_unit: 0.001 and 0.0001 are usual)?"
+            ),
+            Self::Handles { genus } => write!(
+                f,
+                "the surface has {genus} handles (genus {genus}), more than an object has: it is torn where the evidence disagrees"
+            ),
+            Self::NotColored { reason } => write!(f, "the vertices are not coloured: {reason}"),
             Self::NoSupport => {
                 f.write_str("no support plane is stated or seen: how far down the object reaches is guessed")
             }
@@ -155,10 +179,56 @@ impl fmt::Display for Warning {
     }
 }
 
+/// Longest side up to which an object is one that a fingertip explores, metres.
+const LARGE: f64 = 0.6;
+/// Genus up to which a surface is that of an object. A mug has 1, a rack 5.
+const HANDLES: usize = 5;
+
+/// What the user should know of a mesh.
+pub(super) fn mesh_warnings(mesh: &TriangleMesh) -> Vec<Warning> {
+    let topology = Topology::of(mesh);
+    let side = mesh.bounds().map_or(0.0, |b| b.size().max());
+    let open = (!topology.is_closed()).then_some(Warning::Open);
+    let large = (side > LARGE).then_some(Warning::Large { side });
+    let handles = topology.genus().filter(|g| *g > HANDLES).map(|genus| Warning::Handles { genus });
+    open.into_iter().chain(large).chain(handles).collect()
+}
+
 /// Share of the outline on the image border from which the object counts as cut.
 const BORDER_SHARE: f64 = 0.01;
 
 /// The warning that belongs to a frame whose border cuts the object.
 pub(super) fn cut_by_border(visible: &crate::camera::Visible) -> Option<Warning> {
     (visible.border_share > BORDER_SHARE).then_some(Warning::CutByBorder { share: visible.border_share })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::Point;
+
+    /// So many tori side by side: genus is summed over the pieces.
+    fn tori(count: u32, size: f64) -> TriangleMesh {
+        let at = |k: u32, i: u32, j: u32| 16 * k + 4 * (i % 4) + j % 4;
+        let vertices =
+            (0..16 * count).map(|v| Point::new(size * f64::from(v % 16) / 15.0, f64::from(v / 16), 0.0) * 0.1);
+        let squares = (0..count).flat_map(|k| (0..16).map(move |s| (k, s / 4, s % 4)));
+        let faces = squares.flat_map(|(k, i, j)| {
+            let [a, b, c, d] = [at(k, i, j), at(k, i + 1, j), at(k, i + 1, j + 1), at(k, i, j + 1)];
+            [[a, b, c], [a, c, d]]
+        });
+        TriangleMesh::new(vertices.collect(), faces.collect()).expect("indices are in range")
+    }
+
+    #[test]
+    fn a_torn_surface_and_a_wrong_unit_are_said() {
+        assert_eq!(mesh_warnings(&tori(5, 1.0)), []);
+        assert_eq!(mesh_warnings(&tori(6, 1.0)), [Warning::Handles { genus: 6 }]);
+        let large = mesh_warnings(&tori(1, 10.0));
+        assert!(matches!(large[..], [Warning::Large { side }] if (side - 1.0).abs() < 1e-9), "{large:?}");
+        assert!(large[0].to_string().contains("metres_per_unit") && !large[0].is_loss());
+        let mut open = tori(1, 1.0);
+        open.faces.pop();
+        assert_eq!(mesh_warnings(&open), [Warning::Open]);
+    }
 }

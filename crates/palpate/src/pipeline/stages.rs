@@ -52,6 +52,30 @@ pub(super) fn contact_of<'a>(
     }
 }
 
+/// The scene with only its first `count` touches, each with the contact that it recorded or that its image shows.
+///
+/// For work that reads a scene's touches more than once, or without the pipeline.
+///
+/// # Errors
+/// [`ReconstructError::NoSensor`], or [`ReconstructError::Decode`] with the touch.
+pub fn with_contacts(
+    scene: &Scene,
+    count: usize,
+    decoder: Option<&dyn TactileDecoder>,
+) -> Result<Scene, ReconstructError> {
+    let mut scene = Scene { touches: scene.touches.iter().take(count).cloned().collect(), ..scene.clone() };
+    if scene.touches.is_empty() {
+        return Ok(scene);
+    }
+    let sensor = scene.sensor.as_ref().ok_or(ReconstructError::NoSensor { touches: scene.touches.len() })?;
+    scene.touches.par_iter_mut().enumerate().try_for_each(|(i, touch)| {
+        let contact = contact_of(touch, decoder, sensor).map(Cow::into_owned);
+        touch.contact = Some(contact.map_err(|source| ReconstructError::Decode { touch: i, source })?);
+        Ok::<(), ReconstructError>(())
+    })?;
+    Ok(scene)
+}
+
 /// Gathers the evidence, leaving out touches that cannot be of this object: further off than its size, or in space that the
 /// camera proves free. Patches come with the touch's number in the order taken.
 pub(super) fn gather(

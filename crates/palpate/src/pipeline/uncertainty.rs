@@ -23,6 +23,13 @@ pub enum VertexProvenance {
     Extrapolated = 3,
 }
 
+impl VertexProvenance {
+    /// The kind that a file's number stands for.
+    pub fn from_number(number: u8) -> Option<Self> {
+        [Self::Seen, Self::Felt, Self::Guessed, Self::Extrapolated].into_iter().find(|kind| *kind as u8 == number)
+    }
+}
+
 /// What is known of the vertices of a mesh, one entry each, in their order.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct VertexKnowledge {

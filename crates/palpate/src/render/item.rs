@@ -8,6 +8,8 @@ pub mod palette {
     pub const GUESSED: [u8; 3] = [236, 148, 58];
     /// Measured by touch: green.
     pub const FELT: [u8; 3] = [62, 158, 92];
+    /// No evidence is near: grey.
+    pub const EXTRAPOLATED: [u8; 3] = [150, 150, 154];
     /// A guess that was contradicted: dark red.
     pub const REMOVED: [u8; 3] = [168, 60, 62];
     /// A mesh: light grey.

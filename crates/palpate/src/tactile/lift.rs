@@ -67,11 +67,11 @@ impl LiftParams {
     /// [`LiftError::Params`] with field, value and rule.
     pub fn validate(&self) -> Result<(), LiftError> {
         let positive = [
-            ("spacing", self.spacing),
-            ("clearance_spacing", self.clearance_spacing),
-            ("normal_half_width", self.normal_half_width),
-            ("max_slope", self.max_slope),
-            ("relaxed_tolerance", self.relaxed_tolerance),
+            ("lift.spacing", self.spacing),
+            ("lift.clearance_spacing", self.clearance_spacing),
+            ("lift.normal_half_width", self.normal_half_width),
+            ("lift.max_slope", self.max_slope),
+            ("lift.relaxed_tolerance", self.relaxed_tolerance),
         ];
         match positive.into_iter().find(|(_, v)| !(*v > 0.0 && v.is_finite())) {
             Some((field, found)) => Err(LiftError::Params { field, found, needed: "positive and finite" }),

@@ -1,8 +1,8 @@
-use crate::Outcome;
+use crate::{Outcome, say};
 use anyhow::Context as _;
 use palpate::camera::{SegmentParams, clean_cloud, segment_object};
 use palpate::geometry::{Point, PointCloud};
-use palpate::io;
+use palpate::io::{self, SceneFile};
 use std::path::{Path, PathBuf};
 
 /// More of the outline on the image border than this, and the object is cut off.
@@ -35,6 +35,13 @@ pub(crate) fn pixel(text: &str) -> Result<(f64, f64), String> {
     Ok((u, v))
 }
 
+/// A pick is for scenes without a mask.
+pub(crate) fn warn_of_unused_pick(pick: Option<(f64, f64)>, file: &mut SceneFile) {
+    if pick.is_some() && file.scene.frame.mask.is_some() {
+        file.warnings.push("--pick is not used: the scene's mask says what the object is".to_owned());
+    }
+}
+
 fn point(text: &str) -> Result<Point, String> {
     Ok(Point::from(numbers::<3>(text, "X,Y,Z, three numbers in metres")?))
 }
@@ -46,6 +53,8 @@ fn numbers<const N: usize>(text: &str, needed: &str) -> Result<[f64; N], String>
 }
 
 pub(crate) fn run(args: Args) -> anyhow::Result<Outcome> {
+    // A wrong output path must not cost the user the run.
+    io::check_cloud_output(&args.output)?;
     let params = SegmentParams { pick: args.pick, seed: args.seed, ..SegmentParams::default() };
     let (cloud, outcome) = if is_cloud(&args.scene) {
         if args.pick.is_some() {
@@ -68,10 +77,9 @@ fn is_cloud(path: &Path) -> bool {
 }
 
 fn clean_scene(path: &Path, params: &SegmentParams) -> anyhow::Result<(PointCloud, Outcome)> {
-    let file = io::read_scene(path)?;
-    for warning in &file.warnings {
-        eprintln!("palpate: warning: {warning}");
-    }
+    let mut file = io::read_scene(path)?;
+    warn_of_unused_pick(params.pick, &mut file);
+    file.warnings.iter().for_each(say::warn);
     let frame = &file.scene.frame;
     let visible = segment_object(frame, params).with_context(|| format!("finding the object in {}", path.display()))?;
     let cloud = visible.cloud(frame);
@@ -85,10 +93,10 @@ fn clean_scene(path: &Path, params: &SegmentParams) -> anyhow::Result<(PointClou
         None => println!("support plane: none seen"),
     }
     if visible.border_share > CUT_OFF {
-        eprintln!(
-            "palpate: warning: {:.0} % of the object's outline lies on the image border: part of it is not seen",
+        say::warn(format!(
+            "{:.0} % of the object's outline lies on the image border: part of it is not seen",
             100.0 * visible.border_share
-        );
+        ));
         return Ok((cloud, Outcome::Degraded));
     }
     Ok((cloud, Outcome::Done))

@@ -1,8 +1,8 @@
 //! `reconstruct --follow`: the mesh keeps up with touches while they are made.
 
-use super::reconstruct::{Args, decoder, drop_unwanted_maps, write_result};
+use super::reconstruct::{Args, write_result};
 use super::symmetry::reason;
-use crate::Outcome;
+use crate::{Outcome, say};
 use anyhow::{Context as _, ensure};
 use palpate::io::{self, SceneChange, SceneFile, SceneFollower};
 use palpate::pipeline::{Followed, ReconstructParams, Session, Stages, Update, Warning};
@@ -21,19 +21,18 @@ enum End {
     Rewritten(Box<SceneFile>),
 }
 
-pub(super) fn run(args: &Args, params: &ReconstructParams) -> anyhow::Result<Outcome> {
-    let [folder] = &args.scenes[..] else {
-        anyhow::bail!("--follow takes one scene; {} were given", args.scenes.len());
-    };
+/// * `output` – the mesh of the one scene
+pub(super) fn run(args: &Args, output: &Path, params: &ReconstructParams) -> anyhow::Result<Outcome> {
+    let folder = &args.scenes[0];
     ensure!(args.settle >= 0.0, "--settle is {}; seconds ≥ 0 are needed, or inf", args.settle);
-    io::check_mesh_output(&args.output)?;
+    io::check_mesh_output(output)?;
     let (mut file, mut follower) = SceneFollower::open(folder)?;
     loop {
-        for warning in &file.warnings {
-            eprintln!("warning: {warning}");
-        }
-        let decoder = decoder(&mut file, folder, args)?;
-        let mut run = Run::begin(file, args, params, decoder.as_deref())?;
+        // Which touches will come is not known.
+        let decoder = args.decoder.of_scene(&mut file, folder, true)?;
+        super::clean::warn_of_unused_pick(args.pick, &mut file);
+        file.warnings.iter().for_each(say::warn);
+        let mut run = Run::begin(file, (args, output), params, decoder.as_deref())?;
         match run.follow(&mut follower)? {
             End::Enough => return Ok(if run.lossy() { Outcome::Degraded } else { Outcome::Done }),
             End::Rewritten(new) => {
@@ -47,6 +46,7 @@ pub(super) fn run(args: &Args, params: &ReconstructParams) -> anyhow::Result<Out
 struct Run<'a> {
     session: Session<'a>,
     args: &'a Args,
+    output: &'a Path,
     touches: usize,
     /// A touch could not be read or decoded.
     lost: bool,
@@ -55,19 +55,17 @@ struct Run<'a> {
 impl<'a> Run<'a> {
     fn begin(
         file: SceneFile,
-        args: &'a Args,
+        (args, output): (&'a Args, &'a Path),
         params: &ReconstructParams,
         decoder: Option<&'a dyn TactileDecoder>,
     ) -> anyhow::Result<Self> {
         let begun = Instant::now();
         let touches = file.scene.touches.len();
         let session = Session::start(file.scene, params, Stages { decoder, ..Stages::default() })?;
-        let run = Self { session, args, touches, lost: false };
+        let run = Self { session, args, output, touches, lost: false };
         run.write()?;
-        for warning in &run.session.reconstruction().warnings {
-            eprintln!("warning: {warning}");
-        }
-        println!("{}: {} touches, {}", args.output.display(), touches, run.state(begun));
+        run.session.reconstruction().warnings.iter().for_each(say::warn);
+        println!("{}: {}, {}", output.display(), say::count(touches, "touch", "touches"), run.state(begun));
         Ok(run)
     }
 
@@ -105,7 +103,7 @@ impl<'a> Run<'a> {
             return Ok(());
         }
         let begun = Instant::now();
-        drop_unwanted_maps(&mut touch, self.args);
+        self.args.decoder.drop_unwanted_maps(&mut touch);
         let number = self.touches;
         self.touches += 1;
         match self.session.add_touch(touch) {
@@ -156,8 +154,7 @@ impl<'a> Run<'a> {
     }
 
     fn write(&self) -> anyhow::Result<()> {
-        let output: &Path = &self.args.output;
-        write_result(output, self.session.reconstruction())
+        write_result(self.output, self.session.reconstruction())
     }
 
     fn lossy(&self) -> bool {

@@ -1,4 +1,4 @@
-use crate::Outcome;
+use crate::{Outcome, say};
 use anyhow::{Context as _, bail, ensure};
 use palpate::camera::{Background, PinholeCamera};
 use palpate::geometry::Isometry;
@@ -63,10 +63,10 @@ pub(crate) fn run(args: Args) -> anyhow::Result<Outcome> {
         },
         overwrite: args.force,
     };
-    for warning in init_scene(&args.output, &new)? {
-        eprintln!("palpate: warning: {warning}");
-    }
-    println!("{}", args.output.join("scene.toml").display());
+    let made = init_scene(&args.output, &new)?;
+    made.warnings.iter().for_each(say::warn);
+    let depth = made.median_depth.map_or_else(String::new, |z| format!(": median depth {z:.3} m"));
+    println!("{}{depth}", args.output.join("scene.toml").display());
     Ok(Outcome::Done)
 }
 

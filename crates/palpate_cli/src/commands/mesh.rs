@@ -1,14 +1,15 @@
-use crate::Outcome;
+use crate::{Outcome, say};
 use palpate::geometry::{
     Topology, TriangleMesh, decimated, drop_small_pieces, largest_piece, repaired, taubin_smoothed,
 };
-use palpate::io::{read_mesh, write_mesh};
+use palpate::io::{check_mesh_output, read_mesh_with, write_mesh_with};
 use palpate::surface::fill_holes;
 use std::path::{Path, PathBuf};
 
 /// Clean up a mesh: repair, drop pieces, fill holes, smooth, decimate
 ///
-/// The steps asked for are done in that order.
+/// The steps asked for are done in that order. Of a reconstruction's .ply, `sigma_mm` and `provenance` stay where no vertex is moved
+/// or made.
 #[derive(clap::Args)]
 pub(crate) struct Args {
     /// The mesh: .ply, .obj, .off, .stl
@@ -91,9 +92,18 @@ pub(crate) fn report(path: &Path, mesh: &TriangleMesh) {
 }
 
 pub(crate) fn run(args: Args) -> anyhow::Result<Outcome> {
-    let mesh = args.clean_up.apply(read_mesh(&args.mesh)?);
+    // A wrong output path must not cost the user the run.
+    check_mesh_output(&args.output)?;
+    let (before, values) = read_mesh_with(&args.mesh)?;
+    let mesh = args.clean_up.apply(before.clone());
     anyhow::ensure!(!mesh.is_empty(), "{}: no face is left", args.mesh.display());
-    write_mesh(&args.output, &mesh)?;
+    let is_ply = args.output.extension().is_some_and(|e| e.eq_ignore_ascii_case("ply"));
+    let carried = values.carried(&before, &mesh);
+    if !values.is_empty() && (carried.is_none() || !is_ply) {
+        let why = if is_ply { "vertices were moved or made" } else { "only a .ply holds them" };
+        say::warn(format!("{}: without sigma_mm and provenance: {why}", args.output.display()));
+    }
+    write_mesh_with(&args.output, &mesh, &carried.unwrap_or_default().properties())?;
     report(&args.output, &mesh);
     Ok(Outcome::Done)
 }

@@ -1,5 +1,7 @@
 use crate::Outcome;
+use crate::decoders::TouchDecoder;
 use crate::progress::StageClock;
+use crate::say;
 use anyhow::{Context as _, ensure};
 use palpate::explore::{NextTouch, NextTouchParams, Reach, next_touches};
 use palpate::geometry::Isometry;
@@ -22,27 +24,52 @@ pub(crate) struct Args {
     /// Scene folder
     #[arg(value_name = "SCENE")]
     scene: PathBuf,
-    /// Touches to propose
-    #[arg(long, default_value_t = 1, value_name = "K")]
-    count: usize,
+    /// Touches to propose [default: 1]
+    #[arg(long, value_name = "K")]
+    count: Option<usize>,
     /// What the arm can reach (TOML)
     #[arg(long, value_name = "FILE")]
     reach: Option<PathBuf>,
     /// Print one JSON object instead of a table
     #[arg(long)]
     json: bool,
-    /// Sensor, where the scene has none: ycb-sight, gelsight-r15, gelsight-mini, digit
-    #[arg(long, default_value = "ycb-sight", value_name = "PRESET")]
-    sensor: String,
-    /// Poses to choose from
-    #[arg(long, default_value_t = NextTouchParams::default().candidates, value_name = "N")]
-    candidates: usize,
-    /// Parameters of the plan (TOML)
+    /// A pixel on the object, where the scene has no mask
+    #[arg(long, value_name = "U,V", value_parser = super::clean::pixel)]
+    pick: Option<(f64, f64)>,
+    #[command(flatten)]
+    decoder: TouchDecoder,
+    /// Sensor, where the scene has none: ycb-sight, gelsight-r15, gelsight-mini, digit [default: ycb-sight]
+    #[arg(long, value_name = "PRESET")]
+    sensor: Option<String>,
+    /// Poses to choose from [default: 200]
+    #[arg(long, value_name = "N")]
+    candidates: Option<usize>,
+    /// Parameters of the plan (TOML); `palpate config --plan` prints all of them. Flags win over the file
     #[arg(long, value_name = "FILE")]
     config: Option<PathBuf>,
-    /// Seed of the candidates and of the reconstruction
-    #[arg(long, default_value_t = 0, value_name = "N")]
-    seed: u64,
+    /// Seed of the candidates and of the reconstruction [default: 0]
+    #[arg(long, value_name = "N")]
+    seed: Option<u64>,
+}
+
+impl Args {
+    fn params(&self) -> anyhow::Result<NextTouchParams> {
+        let mut params = read_plan(self.config.as_ref())?;
+        params.count = self.count.unwrap_or(params.count);
+        ensure!(self.count != Some(0), "--count is 0; at least 1 touch must be asked for");
+        params.candidates = self.candidates.unwrap_or(params.candidates);
+        if let Some(seed) = self.seed {
+            (params.seed, params.reconstruct.seed) = (seed, seed);
+        }
+        if let Some(sensor) = &self.sensor {
+            params.sensor.clone_from(sensor);
+        }
+        if let Some(path) = &self.reach {
+            params.reach = read_reach(path)?;
+        }
+        params.reconstruct.segment.pick = self.pick.or(params.reconstruct.segment.pick);
+        Ok(params)
+    }
 }
 
 /// The plan's parameters from a file, or the defaults.
@@ -61,23 +88,14 @@ pub(super) fn read_reach(path: &PathBuf) -> anyhow::Result<Reach> {
 }
 
 pub(crate) fn run(args: Args) -> anyhow::Result<Outcome> {
-    let mut params = read_plan(args.config.as_ref())?;
-    ensure!(args.count > 0, "--count is 0; at least 1 touch must be asked for");
-    params.count = args.count;
-    params.candidates = args.candidates;
-    params.seed = args.seed;
-    params.reconstruct.seed = args.seed;
-    params.sensor = args.sensor;
-    if let Some(path) = &args.reach {
-        params.reach = read_reach(path)?;
-    }
-    let file = io::read_scene(&args.scene).with_context(|| format!("reading {}", args.scene.display()))?;
-    for warning in &file.warnings {
-        eprintln!("palpate: {warning}");
-    }
+    let params = args.params()?;
+    let mut file = io::read_scene(&args.scene).with_context(|| format!("reading {}", args.scene.display()))?;
+    let decoder = args.decoder.of_scene(&mut file, &args.scene, false)?;
+    super::clean::warn_of_unused_pick(args.pick, &mut file);
+    file.warnings.iter().for_each(say::warn);
     let clock = StageClock::start();
     let on_stage = |stage| clock.begin(stage);
-    let stages = Stages { on_stage: Some(&on_stage), ..Stages::default() };
+    let stages = Stages { decoder: decoder.as_deref(), on_stage: Some(&on_stage), ..Stages::default() };
     let touches = next_touches(&file.scene, &params, &stages).context("seeking the next touch")?;
     clock.finish();
     if args.json {
@@ -87,8 +105,9 @@ pub(crate) fn run(args: Args) -> anyhow::Result<Outcome> {
     } else {
         print_table(&touches);
     }
-    if touches.len() < args.count {
-        eprintln!("palpate: {} touches of {}; no other reachable place promises anything", touches.len(), args.count);
+    if touches.len() < params.count {
+        let found = say::count(touches.len(), "touch", "touches");
+        say::warn(format!("{found} of {}; no other reachable place promises anything", params.count));
         return Ok(Outcome::Degraded);
     }
     Ok(Outcome::Done)

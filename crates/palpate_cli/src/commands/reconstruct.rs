@@ -1,12 +1,11 @@
 use crate::Outcome;
-use crate::decoders::{self, DecoderFiles, DecoderKind};
+use crate::decoders::TouchDecoder;
 use crate::progress::StageClock;
-use crate::report;
+use crate::{report, say};
 use anyhow::{Context as _, bail};
 use palpate::geometry::PointCloud;
 use palpate::io::{self, PropertyValues, SceneFile, VertexProperty};
 use palpate::pipeline::{self, ColorBy, Method, ReconstructParams, Reconstruction, Stages, Surface, Warning};
-use palpate::tactile::{NoContact, TactileDecoder, Touch};
 use std::path::{Path, PathBuf};
 
 #[derive(clap::Args)]
@@ -22,7 +21,7 @@ pub(crate) struct Args {
     /// Scene folders (see `palpate init`) or objects of the YCB-Sight set; several make OUT a folder.
     #[arg(required = true, value_name = "SCENE")]
     pub(super) scenes: Vec<PathBuf>,
-    /// Mesh to write, world frame, metres: .ply, .obj, .stl or .glb.
+    /// Mesh to write, world frame, metres: .ply, .obj, .stl or .glb; or a folder for it.
     #[arg(short, long, value_name = "OUT")]
     pub(super) output: PathBuf,
     /// fused = ours, weighs all evidence; paper = the published method.
@@ -33,25 +32,22 @@ pub(crate) struct Args {
     surface: Option<SurfaceArg>,
     /// Pixel on the object, when the scene has no mask and several things stand on the table.
     #[arg(long, value_name = "U,V", value_parser = super::clean::pixel)]
-    pick: Option<(f64, f64)>,
+    pub(super) pick: Option<(f64, f64)>,
     /// The object is a shell (plate, bowl, cup) with a wall this thick: what nobody measured behind it is cut away.
     #[arg(long, value_name = "MM")]
     wall: Option<f64>,
     /// Use only the first N touches.
     #[arg(long, value_name = "N")]
     pub(super) max_touches: Option<usize>,
-    /// Where height maps come from.
-    #[arg(long, value_enum, default_value_t = DecoderArg::Auto)]
-    decoder: DecoderArg,
     #[command(flatten)]
-    decoder_files: DecoderFiles,
+    pub(super) decoder: TouchDecoder,
     /// JSON with timings, counts, symmetries, warnings and parameters; with several scenes one beside each mesh.
     #[arg(long, value_name = "FILE")]
     report: Option<PathBuf>,
     /// Folder for the clouds between the steps (visible, moved, removed, felt, fused), to look at in MeshLab.
     #[arg(long, value_name = "DIR")]
     keep: Option<PathBuf>,
-    /// Colour the vertices by their uncertainty, by what they rest on, or by the frame's image.
+    /// Colour the vertices by their uncertainty, by what they rest on, or by the frame's image (method 'fused'; not in .stl).
     #[arg(long, value_enum)]
     color: Option<ColorArg>,
     /// Seed of everything random; the same seed gives the same bytes.
@@ -88,74 +84,82 @@ enum ColorArg {
     None,
     /// Blue: 0.2 mm and less; red: 10 mm and more.
     Sigma,
-    /// Seen green, felt orange, guessed blue, extrapolated grey.
+    /// Seen blue grey, felt green, guessed orange, extrapolated grey.
     Provenance,
     /// The image where it shows the surface, moved along where the surface was guessed.
     Image,
 }
 
-#[derive(Clone, Copy, PartialEq, clap::ValueEnum)]
-enum DecoderArg {
-    /// Recorded maps; where a touch has only an image, the gel's calibration if there is one (--calibration, or sensor.toml in
-    /// the scene's folder), else the compact network.
-    Auto,
-    /// Recorded maps; images are ignored.
-    Recorded,
-    /// Images, by the compact network, also where maps are recorded.
-    Compact,
-    /// Images, by colour table and fast Poisson; needs --lookup-table.
-    Lookup,
-    /// Images, by the published network; needs --weights and a build with the feature `nn`.
-    Fcrn,
-    /// Images, by the gel's calibration: --calibration, or sensor.toml in the scene's folder.
-    Calibrated,
-}
-
-impl DecoderArg {
-    /// The decoder of images, if any.
-    fn kind(self) -> Option<DecoderKind> {
-        match self {
-            Self::Recorded => None,
-            Self::Auto | Self::Compact => Some(DecoderKind::Compact),
-            Self::Lookup => Some(DecoderKind::Lookup),
-            Self::Fcrn => Some(DecoderKind::Fcrn),
-            Self::Calibrated => Some(DecoderKind::Calibrated),
-        }
-    }
-}
-
 pub(crate) fn run(args: Args) -> anyhow::Result<Outcome> {
     let params = effective_params(&args)?;
-    if args.follow {
-        return super::follow::run(&args, &params);
+    if args.follow && args.scenes.len() > 1 {
+        bail!("--follow takes one scene; {} were given", args.scenes.len());
     }
-    if args.scenes.len() == 1 {
-        let (report, keep) = (args.report.as_deref(), args.keep.as_deref());
-        return reconstruct_one(&args.scenes[0], &args.output, report, keep, &params, &args);
+    let jobs = jobs(&args)?;
+    for job in &jobs {
+        check_colors(&job.output, &params)?;
     }
-    if args.output.extension().is_some_and(|e| ["ply", "obj", "stl", "glb"].contains(&&*e.to_string_lossy())) {
-        bail!("{} scenes were given, so --output must be a folder, not '{}'", args.scenes.len(), args.output.display());
+    if let [job] = &jobs[..] {
+        if args.follow {
+            return super::follow::run(&args, &job.output, &params);
+        }
+        return reconstruct_one(job, &params, &args);
     }
-    io::create_folder(&args.output)?;
-    let names = scene_names(&args.scenes)?;
     let (mut degraded, mut failed) = (false, 0);
-    for (scene, name) in args.scenes.iter().zip(&names) {
-        let output = args.output.join(format!("{name}.ply"));
-        let report = args.report.as_ref().map(|_| args.output.join(format!("{name}.json")));
-        let keep = args.keep.as_ref().map(|keep| keep.join(name));
+    for job in &jobs {
         // One bad scene does not cost the others.
-        match reconstruct_one(scene, &output, report.as_deref(), keep.as_deref(), &params, &args) {
+        match reconstruct_one(job, &params, &args) {
             Ok(outcome) => degraded |= matches!(outcome, Outcome::Degraded),
             Err(error) => {
-                eprintln!("palpate: scene '{}': {error:#}", scene.display());
+                eprintln!("palpate: scene '{}': {error:#}", job.scene.display());
                 failed += 1;
             }
         }
     }
-    if failed == args.scenes.len() {
+    if failed == jobs.len() {
         bail!("none of the {failed} scenes could be reconstructed");
     }
     Ok(if degraded || failed > 0 { Outcome::Degraded } else { Outcome::Done })
+}
+
+/// A scene and the files that are made of it.
+struct Job<'a> {
+    scene: &'a Path,
+    output: PathBuf,
+    report: Option<PathBuf>,
+    keep: Option<PathBuf>,
+}
+
+/// One job a scene. Makes the output's folder where that is one.
+fn jobs<'a>(args: &'a Args) -> anyhow::Result<Vec<Job<'a>>> {
+    let output = &args.output;
+    let one = args.scenes.len() == 1;
+    let is_folder = output.is_dir() || output.to_string_lossy().ends_with(std::path::is_separator);
+    if one && !is_folder {
+        let (report, keep) = (args.report.clone(), args.keep.clone());
+        return Ok(vec![Job { scene: &args.scenes[0], output: output.clone(), report, keep }]);
+    }
+    if !is_folder && output.extension().is_some_and(|e| ["ply", "obj", "stl", "glb"].contains(&&*e.to_string_lossy())) {
+        bail!("{} scenes were given, so --output must be a folder, not '{}'", args.scenes.len(), output.display());
+    }
+    let names = scene_names(&args.scenes)?;
+    io::create_folder(output)?;
+    let job = |(scene, name): (&'a PathBuf, &String)| Job {
+        scene,
+        output: output.join(format!("{name}.ply")),
+        report: args.report.as_ref().map(|r| if one { r.clone() } else { output.join(format!("{name}.json")) }),
+        keep: args.keep.as_ref().map(|keep| if one { keep.clone() } else { keep.join(name) }),
+    };
+    Ok(args.scenes.iter().zip(&names).map(job).collect())
+}
+
+/// Colours that the file cannot hold are refused before the work.
+fn check_colors(output: &Path, params: &ReconstructParams) -> anyhow::Result<()> {
+    let stl = output.extension().is_some_and(|e| e.eq_ignore_ascii_case("stl"));
+    if stl && params.color != ColorBy::None {
+        bail!("'{}': an .stl holds no colours; .ply, .obj and .glb do", output.display());
+    }
+    Ok(())
 }
 
 /// Folder names, which become file names; two of the same would overwrite one another.
@@ -172,6 +176,9 @@ fn scene_names(scenes: &[PathBuf]) -> anyhow::Result<Vec<String>> {
     }
     Ok(names)
 }
+
+/// Thinner than any wall that a depth camera sees: a wall in metres.
+const THINNEST_WALL_MM: f64 = 0.1;
 
 fn effective_params(args: &Args) -> anyhow::Result<ReconstructParams> {
     let mut params = match &args.config {
@@ -200,6 +207,9 @@ fn effective_params(args: &Args) -> anyhow::Result<ReconstructParams> {
         params.segment.pick = Some(pick);
     }
     if let Some(wall) = args.wall {
+        if !(wall >= THINNEST_WALL_MM) {
+            bail!("--wall {wall}: at least {THINNEST_WALL_MM} mm is needed; it is in millimetres, so 2 mm is 2");
+        }
         params.implicit.shell.wall = Some(1e-3 * wall);
     }
     params.max_touches = args.max_touches.or(params.max_touches);
@@ -207,82 +217,72 @@ fn effective_params(args: &Args) -> anyhow::Result<ReconstructParams> {
     Ok(params)
 }
 
-fn reconstruct_one(
-    folder: &Path,
-    output: &Path,
-    report: Option<&Path>,
-    keep: Option<&Path>,
-    params: &ReconstructParams,
-    args: &Args,
-) -> anyhow::Result<Outcome> {
+fn reconstruct_one(job: &Job, params: &ReconstructParams, args: &Args) -> anyhow::Result<Outcome> {
     // A wrong output path must not cost the user the run.
-    io::check_mesh_output(output)?;
-    if let Some(report) = report {
-        io::check_writable(report)?;
-    }
-    if let Some(keep) = keep {
-        io::create_folder(keep)?;
-    }
+    job.check()?;
     let clock = StageClock::start();
     clock.begin("read");
-    let mut file = read_input(folder, params.seed)?;
-    let decoder = decoder(&mut file, folder, args)?;
+    let mut file = read_input(job.scene, params.seed)?;
+    let decoder = args.decoder.of_scene(&mut file, job.scene, false)?;
+    super::clean::warn_of_unused_pick(args.pick, &mut file);
     for warning in &file.warnings {
-        clock.say(&format!("warning: {warning}"));
+        clock.warn(warning);
     }
     let stages =
         Stages { decoder: decoder.as_deref(), on_stage: Some(&|stage| clock.begin(stage)), ..Stages::default() };
     let result = pipeline::reconstruct(&file.scene, params, &stages)?;
     clock.begin("write");
-    write_result(output, &result)?;
-    if let Some(keep) = keep {
+    // The mesh comes after what may fail beside it.
+    if let Some(keep) = &job.keep {
         keep_steps(keep, &result, params)?;
     }
+    write_result(&job.output, &result)?;
     let timings = clock.finish();
     for warning in &result.warnings {
-        eprintln!("warning: {warning}");
+        say::warn(warning);
     }
-    if let Some(path) = report {
+    if let Some(path) = &job.report {
         let json = report::reconstruction(&file, &result, params, &timings);
         report::write_json(path, &json)?;
     }
-    println!("{}", report::one_line(output, &result, &timings));
+    println!("{}", report::one_line(&job.output, &result, &timings));
     Ok(if result.warnings.iter().any(Warning::is_loss) { Outcome::Degraded } else { Outcome::Done })
 }
 
-/// Recorded maps beside an image go where the images were asked for.
-pub(super) fn drop_unwanted_maps(touch: &mut Touch, args: &Args) {
-    let images = args.decoder.kind().is_some() && args.decoder != DecoderArg::Auto;
-    if images && touch.image.is_some() {
-        touch.contact = None;
+/// Clouds that --keep writes.
+const STEPS: [&str; 5] = ["visible", "moved", "removed", "felt", "fused"];
+
+impl Job<'_> {
+    /// Makes the folder of the steps, and sees that every file can be written and none is written twice.
+    fn check(&self) -> anyhow::Result<()> {
+        io::check_mesh_output(&self.output)?;
+        let mut taken = vec![("--output", place(&self.output))];
+        if let Some(report) = &self.report {
+            io::check_writable(report)?;
+            taken.push(("--report", place(report)));
+        }
+        if let Some(keep) = &self.keep {
+            io::create_folder(keep)?;
+            let files = STEPS.iter().chain(&["mesh"]).map(|name| keep.join(name).with_extension("ply"));
+            for file in files.chain([keep.join("params.toml")]) {
+                io::check_writable(&file)?;
+                taken.push(("--keep", place(&file)));
+            }
+        }
+        for (i, (flag, path)) in taken.iter().enumerate() {
+            if let Some((other, _)) = taken[..i].iter().find(|(_, earlier)| earlier == path) {
+                bail!("'{}' would be written by {other} and by {flag}", path.display());
+            }
+        }
+        Ok(())
     }
 }
 
-/// The decoder of the scene's tactile images, if any is to be decoded. Recorded maps beside images are dropped where the images
-/// were asked for.
-pub(super) fn decoder(
-    file: &mut SceneFile,
-    folder: &Path,
-    args: &Args,
-) -> anyhow::Result<Option<Box<dyn TactileDecoder>>> {
-    let Some(kind) = args.decoder.kind() else { return Ok(None) };
-    file.scene.touches.iter_mut().for_each(|touch| drop_unwanted_maps(touch, args));
-    let with_image = |touch: &Touch| touch.contact.is_none() && touch.image.is_some();
-    // Which touches will come is not known.
-    let needed = file.scene.touches.iter().any(with_image) || (args.follow && file.tactile_background.is_some());
-    let Some(sensor) = file.scene.sensor.as_ref().filter(|_| needed) else { return Ok(None) };
-    let background = file.tactile_background.clone().with_context(|| {
-        format!("scene '{}': [sensor] background (the no-contact image) is needed to decode images", file.scene.name)
-    })?;
-    let no_contact = NoContact::new(background, sensor).context("[sensor] background")?;
-    let mut files = args.decoder_files.clone();
-    let beside = if folder.is_file() { folder.with_file_name("sensor.toml") } else { folder.join("sensor.toml") };
-    if files.calibration.is_none() && beside.is_file() {
-        files.calibration = Some(beside);
-    }
-    let calibrated = args.decoder == DecoderArg::Auto && files.calibration.is_some();
-    let kind = if calibrated { DecoderKind::Calibrated } else { kind };
-    decoders::make(kind, no_contact, sensor, &files).map(Some)
+/// A path that is the same however the folder is written.
+fn place(path: &Path) -> PathBuf {
+    let folder = path.parent().filter(|f| !f.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let folder = folder.canonicalize().unwrap_or_else(|_| folder.to_owned());
+    path.file_name().map_or(folder.clone(), |name| folder.join(name))
 }
 
 /// A scene folder, or an object in the YCB-Sight layout (told by its `pose.txt`).
@@ -313,15 +313,8 @@ pub(super) fn write_result(path: &Path, result: &Reconstruction) -> anyhow::Resu
 
 /// The clouds between the steps, and the effective parameters.
 fn keep_steps(folder: &Path, result: &Reconstruction, params: &ReconstructParams) -> anyhow::Result<()> {
-    io::create_folder(folder)?;
-    let clouds: [(&str, &PointCloud); 5] = [
-        ("visible", &result.visible),
-        ("moved", &result.moved),
-        ("removed", &result.removed),
-        ("felt", &result.felt),
-        ("fused", &result.joined),
-    ];
-    for (name, cloud) in clouds {
+    let clouds: [&PointCloud; 5] = [&result.visible, &result.moved, &result.removed, &result.felt, &result.joined];
+    for (name, cloud) in STEPS.iter().zip(clouds) {
         io::write_cloud(folder.join(name).with_extension("ply"), cloud)?;
     }
     write_result(&folder.join("mesh.ply"), result)?;

@@ -1,8 +1,9 @@
-use crate::Outcome;
+use crate::{Outcome, say};
 use anyhow::{Context as _, bail};
 use palpate::camera::{SegmentParams, segment_object};
 use palpate::geometry::{Isometry, PointCloud, TriangleMesh, Vector};
-use palpate::io::{self, IoError};
+use palpate::io::{self, IoError, VertexValues};
+use palpate::pipeline::{VertexProvenance, provenance_color, sigma_color};
 use palpate::render::{Fit, Item, Look, Paint, Panel, Shape, View, palette, render_panels};
 use palpate::scene::Scene;
 use palpate::tactile::{LiftParams, lift};
@@ -14,8 +15,9 @@ Examples:
   palpate render prediction.ply truth.ply --output both.png --view 30,20 --labels
   palpate render parts/visible.ply parts/visible.ply+parts/moved.ply bottle.ply --output steps.png --caption seen,guessed,mesh
 
-Colours by provenance, from the file's name: visible*, seen* blue grey; moved*, mirrored*, guessed* orange; felt*, touch*
-green; removed* dark red; everything else light grey. A scene shows the object's visible points and what its recorded
+Colours by provenance: seen blue grey, felt green, guessed orange, extrapolated grey. A reconstruction's .ply says for each
+vertex what it rests on; any other file by its name: visible*, seen*; felt*, touch*; moved*, mirrored*, guessed*; removed*
+dark red; everything else light grey. By sigma: blue 0.2 mm and less, red 10 mm and more. A scene shows the object's visible points and what its recorded
 touches felt. Faces seen from behind are darker and reddish, so that holes show.";
 
 #[derive(clap::Args)]
@@ -57,8 +59,10 @@ pub(crate) struct Args {
 
 #[derive(Clone, Copy, PartialEq, clap::ValueEnum)]
 enum ColorBy {
-    /// Seen, guessed, felt, meshed
+    /// Seen, felt, guessed, extrapolated, meshed
     Provenance,
+    /// How far a vertex may be off: the sigma_mm of a reconstruction's .ply
+    Sigma,
     /// The outward normal as red, green, blue
     Normal,
     /// Light grey
@@ -133,6 +137,8 @@ enum Loaded {
 struct Part {
     shape: Loaded,
     provenance: [u8; 3],
+    /// The shape's colours are those asked for.
+    painted: bool,
 }
 
 impl Part {
@@ -142,9 +148,10 @@ impl Part {
             Loaded::Cloud(cloud) => Shape::Cloud(cloud),
         };
         let paint = match color_by {
+            _ if self.painted => Paint::Own(self.provenance),
             ColorBy::Provenance => Paint::Plain(self.provenance),
             ColorBy::Normal => Paint::Normal,
-            ColorBy::Plain => Paint::Plain(palette::MESH),
+            ColorBy::Plain | ColorBy::Sigma => Paint::Plain(palette::MESH),
             ColorBy::Own => Paint::Own(self.provenance),
         };
         Item { shape, paint }
@@ -180,9 +187,7 @@ struct SceneView {
 /// The visible points and the felt patches; without an object that stands out, every reading.
 fn load_scene(path: &Path) -> anyhow::Result<(Vec<Part>, SceneView)> {
     let file = io::read_scene(path)?;
-    for warning in &file.warnings {
-        eprintln!("palpate: {warning}");
-    }
+    file.warnings.iter().for_each(say::warn);
     let Scene { frame, sensor, touches, .. } = &file.scene;
     let mut support = frame.support;
     let seen = match segment_object(frame, &SegmentParams::default()) {
@@ -191,21 +196,21 @@ fn load_scene(path: &Path) -> anyhow::Result<(Vec<Part>, SceneView)> {
             visible.cloud(frame)
         }
         Err(error) => {
-            eprintln!("palpate: {}: {error}; every reading is drawn", path.display());
+            say::warn(format!("{}: {error}; every reading is drawn", path.display()));
             let points = frame.unproject();
             let points = points.as_slice().iter().filter(|p| p.z.is_finite()).map(|p| frame.world_from_camera * p);
             PointCloud { points: points.collect(), ..PointCloud::default() }
         }
     };
-    let mut parts = vec![Part { shape: Loaded::Cloud(seen), provenance: palette::SEEN }];
+    let mut parts = vec![Part { shape: Loaded::Cloud(seen), provenance: palette::SEEN, painted: false }];
     for (number, touch) in touches.iter().enumerate() {
         let (Some(sensor), Some(contact)) = (sensor, &touch.contact) else { continue };
         match lift(contact, sensor, &touch.world_from_sensor, &LiftParams::default()) {
             Ok(patch) => {
                 let felt = PointCloud { points: patch.points, normals: Some(patch.normals), colors: None };
-                parts.push(Part { shape: Loaded::Cloud(felt), provenance: palette::FELT });
+                parts.push(Part { shape: Loaded::Cloud(felt), provenance: palette::FELT, painted: false });
             }
-            Err(error) => eprintln!("palpate: {}: touch {number} is not drawn: {error}", path.display()),
+            Err(error) => say::warn(format!("{}: touch {number} is not drawn: {error}", path.display())),
         }
     }
     // A scene without poses is in the camera's frame, where up is against y.
@@ -214,15 +219,37 @@ fn load_scene(path: &Path) -> anyhow::Result<(Vec<Part>, SceneView)> {
     Ok((parts, SceneView { world_from_camera: frame.world_from_camera, up }))
 }
 
-fn load_file(path: &Path) -> anyhow::Result<Vec<Part>> {
+/// Colours of the vertices by what the file says of them, if it does.
+fn vertex_colors(values: &VertexValues, color_by: ColorBy) -> Option<Vec<[u8; 3]>> {
+    match color_by {
+        ColorBy::Provenance => {
+            let color = |n: &u8| VertexProvenance::from_number(*n).map_or(palette::MESH, provenance_color);
+            Some(values.provenance.as_ref()?.iter().map(color).collect())
+        }
+        ColorBy::Sigma => Some(values.sigma_mm.as_ref()?.iter().map(|s| sigma_color(1e-3 * f64::from(*s))).collect()),
+        _ => None,
+    }
+}
+
+fn load_file(path: &Path, color_by: ColorBy) -> anyhow::Result<Vec<Part>> {
     let stem = path.file_stem().map(|s| s.to_string_lossy().to_ascii_lowercase()).unwrap_or_default();
     let provenance = provenance_of(&stem);
-    let shape = match io::read_mesh(path) {
-        Ok(mesh) => Loaded::Mesh(mesh),
+    let mut painted = false;
+    let shape = match io::read_mesh_with(path) {
+        Ok((mut mesh, values)) => {
+            if let Some(colors) = vertex_colors(&values, color_by) {
+                mesh.colors = Some(colors);
+                painted = true;
+            }
+            Loaded::Mesh(mesh)
+        }
         Err(IoError::NoFaces { .. } | IoError::Extension { .. }) => Loaded::Cloud(io::read_cloud(path)?),
         Err(error) => return Err(error.into()),
     };
-    Ok(vec![Part { shape, provenance }])
+    if color_by == ColorBy::Sigma && !painted {
+        say::warn(format!("{}: no sigma_mm is in it; it is drawn plain", path.display()));
+    }
+    Ok(vec![Part { shape, provenance, painted }])
 }
 
 pub(crate) fn run(args: Args) -> anyhow::Result<Outcome> {
@@ -242,7 +269,7 @@ pub(crate) fn run(args: Args) -> anyhow::Result<Outcome> {
                 parts.extend(more);
                 scene_view.get_or_insert(view);
             } else {
-                parts.extend(load_file(path)?);
+                parts.extend(load_file(path, args.color_by)?);
             }
         }
         loaded.push(parts);

@@ -1,5 +1,5 @@
-use crate::Outcome;
 use crate::progress::progress_bar;
+use crate::{Outcome, say};
 use anyhow::{Context as _, bail};
 use palpate::geometry::TriangleMesh;
 use palpate::io::{SceneToWrite, read_mesh, write_mesh, write_scene, write_ycb_sight};
@@ -58,6 +58,9 @@ pub(crate) struct Args {
     /// Leave out the object's mask
     #[arg(long)]
     no_mask: bool,
+    /// Make scenes anew that are already there
+    #[arg(long)]
+    force: bool,
 }
 
 #[derive(Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
@@ -84,6 +87,36 @@ enum Images {
     Shadows,
     /// With shadows and moving marker dots
     Markers,
+}
+
+impl Job {
+    /// Where its scene goes.
+    fn folder(&self, args: &Args, objects: &[(String, TriangleMesh)]) -> PathBuf {
+        let name = &objects[self.object].0;
+        args.output.join(match args.layout {
+            Layout::Scene => format!("{name}_view{}", self.view),
+            Layout::YcbSight => name.clone(),
+        })
+    }
+}
+
+/// Refuses to overwrite a scene; with `force` removes its touches, of which there may be more than will be made.
+fn make_room(folder: &Path, force: bool) -> anyhow::Result<()> {
+    if !["scene.toml", "pose.txt"].iter().any(|file| folder.join(file).exists()) {
+        return Ok(());
+    }
+    if !force {
+        bail!("{}: there is already a scene here; --force makes it anew", folder.display());
+    }
+    let Ok(touches) = std::fs::read_dir(folder.join("touches")) else { return Ok(()) };
+    for entry in touches {
+        let path = entry?.path();
+        let numbered = path.file_name().is_some_and(|n| n.as_encoded_bytes().first().is_some_and(u8::is_ascii_digit));
+        if numbered && path.is_file() {
+            std::fs::remove_file(&path).with_context(|| format!("removing {}", path.display()))?;
+        }
+    }
+    Ok(())
 }
 
 /// Quality of the tactile images: that of YCB-Sight.
@@ -121,6 +154,9 @@ pub(crate) fn run(args: Args) -> anyhow::Result<Outcome> {
     };
     let jobs: Vec<Job> =
         (0..objects.len()).flat_map(|object| views.clone().map(move |view| Job { object, view })).collect();
+    for job in &jobs {
+        make_room(&job.folder(&args, &objects), args.force)?;
+    }
     let bar = progress_bar(jobs.len(), "{bar:40} {pos}/{len} scenes, {eta} left");
     let losses: Vec<Option<String>> = jobs
         .par_iter()
@@ -135,10 +171,10 @@ pub(crate) fn run(args: Args) -> anyhow::Result<Outcome> {
         })
         .collect::<anyhow::Result<_>>()?;
     bar.finish_and_clear();
-    println!("{} {} in {}", jobs.len(), if jobs.len() == 1 { "scene" } else { "scenes" }, args.output.display());
+    println!("{} in {}", say::count(jobs.len(), "scene", "scenes"), args.output.display());
     let mut outcome = Outcome::Done;
     for loss in losses.into_iter().flatten() {
-        eprintln!("palpate: {loss}");
+        say::warn(loss);
         outcome = Outcome::Degraded;
     }
     Ok(outcome)

@@ -2,7 +2,7 @@ use super::mesh::{CleanUp, report};
 use crate::Outcome;
 use anyhow::Context as _;
 use palpate::geometry::{PointCloud, TriangleMesh};
-use palpate::io::{read_cloud, write_mesh};
+use palpate::io::{check_mesh_output, read_cloud, write_mesh};
 use palpate::surface::{
     BallPivotingParams, Boundary, ImplicitParams, PoissonParams, ball_pivoting, implicit_surface, screened_poisson,
 };
@@ -116,6 +116,8 @@ impl Args {
 }
 
 pub(crate) fn run(args: Args) -> anyhow::Result<Outcome> {
+    // A wrong output path must not cost the user the run.
+    check_mesh_output(&args.output)?;
     let cloud = read_cloud(&args.cloud)?;
     let mesh = args.mesh(&cloud).with_context(|| format!("meshing {}", args.cloud.display()))?;
     let mesh = args.clean_up.apply(mesh);

@@ -1,8 +1,10 @@
-use crate::Outcome;
+use crate::decoders::TouchDecoder;
+use crate::{Outcome, say};
 use anyhow::Context as _;
 use palpate::camera::{SegmentParams, segment_object};
 use palpate::evidence::{Evidence, EvidenceParams};
 use palpate::io;
+use palpate::pipeline::with_contacts;
 use palpate::scene::Scene;
 use palpate::symmetry::{
     EvidenceSearch, Hypothesis, Rejection, Symmetry, SymmetryElement, SymmetryEstimator as _, SymmetryParams,
@@ -39,17 +41,13 @@ pub(crate) struct Args {
     #[arg(long, value_name = "N")]
     max_touches: Option<usize>,
     /// A pixel on the object, where the scene has no mask.
-    #[arg(long, value_parser = parse_pixel, value_name = "U,V")]
+    #[arg(long, value_parser = super::clean::pixel, value_name = "U,V")]
     pick: Option<(f64, f64)>,
+    #[command(flatten)]
+    decoder: TouchDecoder,
     /// Seed of the subsamples.
     #[arg(long, default_value_t = 0, value_name = "N")]
     seed: u64,
-}
-
-fn parse_pixel(text: &str) -> Result<(f64, f64), String> {
-    let number = |s: &str| s.trim().parse::<f64>().ok().filter(|x| x.is_finite());
-    let pair = text.split_once(',').and_then(|(u, v)| Some((number(u)?, number(v)?)));
-    pair.ok_or_else(|| format!("'{text}' is not a pixel U,V"))
 }
 
 #[derive(Serialize)]
@@ -92,14 +90,16 @@ struct Entry {
 }
 
 pub(crate) fn run(args: Args) -> anyhow::Result<Outcome> {
-    let file = io::read_scene(&args.scene).with_context(|| format!("reading {}", args.scene.display()))?;
-    for warning in &file.warnings {
-        eprintln!("palpate: {warning}");
-    }
-    let scene = file.scene;
+    let mut file = io::read_scene(&args.scene).with_context(|| format!("reading {}", args.scene.display()))?;
+    let count = args.max_touches.unwrap_or(usize::MAX);
+    file.scene.touches.truncate(count);
+    let decoder = args.decoder.of_scene(&mut file, &args.scene, false)?;
+    super::clean::warn_of_unused_pick(args.pick, &mut file);
+    file.warnings.iter().for_each(say::warn);
+    let scene = with_contacts(&file.scene, count, decoder.as_deref())?;
     let segment = SegmentParams { pick: args.pick, seed: args.seed, ..SegmentParams::default() };
     let visible = segment_object(&scene.frame, &segment).context("finding the object")?;
-    let (patches, lost) = lift_touches(&scene, args.max_touches.unwrap_or(usize::MAX));
+    let (patches, lost) = lift_touches(&scene);
     let params = EvidenceParams {
         pose_sigma_translation: scene.pose_sigma.translation,
         pose_sigma_rotation: scene.pose_sigma.rotation,
@@ -138,21 +138,16 @@ fn keep(folder: &Path, evidence: &Evidence, symmetry: &Symmetry, params: &Symmet
     Ok(())
 }
 
-/// The patches of the first `count` touches, and how many touches had to be left out.
-fn lift_touches(scene: &Scene, count: usize) -> (Vec<Patch>, usize) {
+/// The patches of the touches, and how many touches had to be left out.
+fn lift_touches(scene: &Scene) -> (Vec<Patch>, usize) {
     let Some(sensor) = &scene.sensor else { return (Vec::new(), 0) };
     let (mut patches, mut lost) = (Vec::new(), 0);
-    for (i, touch) in scene.touches.iter().take(count).enumerate() {
-        let lifted = match &touch.contact {
-            Some(contact) => {
-                lift(contact, sensor, &touch.world_from_sensor, &LiftParams::default()).map_err(|e| e.to_string())
-            }
-            None => Err("it has no recorded height map and contact mask".to_owned()),
-        };
-        match lifted {
+    for (i, touch) in scene.touches.iter().enumerate() {
+        let Some(contact) = &touch.contact else { continue };
+        match lift(contact, sensor, &touch.world_from_sensor, &LiftParams::default()) {
             Ok(patch) => patches.push(patch),
             Err(reason) => {
-                eprintln!("palpate: touch {i} is left out: {reason}");
+                say::warn(format!("touch {i} is left out: {reason}"));
                 lost += 1;
             }
         }
@@ -215,10 +210,10 @@ pub(super) fn reason(rejection: Rejection) -> String {
 
 fn print_table(report: &Report) {
     println!(
-        "{}: {} samples, {} touches, {} accepted",
+        "{}: {} samples, {}, {} accepted",
         report.name,
         report.samples,
-        report.touches,
+        say::count(report.touches, "touch", "touches"),
         report.accepted.len()
     );
     if !report.accepted.is_empty() || !report.rejected.is_empty() {

@@ -73,7 +73,27 @@ fn heights_that_are_no_metres_are_refused() {
     with(f32::NAN).expect(1, &["[[touches]] 0 height_map", "the height at row 3, column 4 is NaN"]);
     with(-33.9).expect(1, &["|z| reaches 33.9", "is the map in millimetres or in pixels?"]);
     with(-0.5).expect(1, &["|z| reaches 0.5", "20 mm"]);
-    with(0.002).expect(0, &["doubtful", "rises 2.00 mm over the relaxed gel"]);
+    // What `reconstruct` refuses is wrong here too: a sign that is turned, by how little ever.
+    for z in [0.002, 0.00051] {
+        with(z).expect(1, &["wrong: ", "[[touches]] 0: height map at (row 3, col 4)", "is the sign turned?"]);
+    }
+}
+
+#[test]
+fn a_depth_unit_wrong_by_ten_and_an_inverted_mask_are_doubts() {
+    let shop = Workshop::new();
+    shop.edit("metres_per_unit = 0.0001", "metres_per_unit = 0.001");
+    shop.check().expect(0, &["doubtful", "the median depth is 3.", "is metres_per_unit right"]);
+    let shop = Workshop::new();
+    let mask = palpate::io::read_mask(shop.path("s/mask.png")).expect("there");
+    write_mask(shop.path("s/mask.png"), &mask.map(|m| !m)).expect("written");
+    shop.check().expect(0, &["doubtful", "100 % of the image border is marked", "is the mask inverted"]);
+}
+
+#[test]
+fn more_threads_than_a_machine_has_are_refused() {
+    palpate(["config", "--threads", "20000"]).expect(2, &["--threads", "at most 512 threads"]);
+    palpate(["config", "--threads", "many"]).expect(2, &["--threads", "invalid digit"]);
 }
 
 #[test]
@@ -138,6 +158,11 @@ fn outputs_that_cannot_be_written_are_named() {
     let init =
         |output: &str| palpate(["init", "--depth", &depth, "--intrinsics", "60,60,31.5,23.5", "--output", output]);
     init(&shop.text("no/such/folder")).expect(1, &["no/such/folder", "the folder", "does not exist"]);
+    // Said before the input is read: the work may be long.
+    for command in [&["clean"][..], &["mesh"], &["surface", "--method", "poisson"]] {
+        let nowhere = [shop.text("nowhere"), "--output".to_owned(), shop.text("out.xyz")];
+        palpate(command.iter().copied().chain(nowhere.iter().map(String::as_str))).expect(1, &["out.xyz", ".ply"]);
+    }
     // A file where the scene folder should be: not writable for root either.
     shop.put("file", b"");
     init(&shop.text("file")).expect(1, &["cannot write", "file"]);

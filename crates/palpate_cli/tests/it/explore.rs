@@ -25,6 +25,61 @@ fn next_touch_prints_poses_as_json_and_as_a_table() {
 }
 
 #[test]
+fn touches_that_are_images_alone_are_decoded() {
+    let shop = Workshop::new();
+    let out = shop.text("sim");
+    palpate(["simulate", "primitive:cube", "--touches", "2", "--map-width", "40", "--output", &out]).expect(0, &[]);
+    let (file, scene) = (shop.path("sim/cube_view0/scene.toml"), shop.text("sim/cube_view0"));
+    let text = std::fs::read_to_string(&file).expect("written");
+    let recorded = |line: &&str| line.starts_with("height_map") || line.starts_with("contact_mask");
+    let images: String = text.lines().filter(|line| !recorded(line)).map(|line| format!("{line}\n")).collect();
+    assert!(images.contains("image = ") && images.len() < text.len(), "{images}");
+    std::fs::write(&file, images).expect("written");
+    shop.put("plan.toml", COARSE);
+    let plan = shop.text("plan.toml");
+    palpate(["next-touch", &scene, "--candidates", "10", "--config", &plan]).expect(0, &["rank"]);
+    palpate(["symmetry", &scene]).expect(0, &["2 touches"]);
+    for command in ["next-touch", "symmetry"] {
+        palpate([command, &scene, "--decoder", "recorded"]).expect(1, &["touch 0"]);
+        palpate([command, &scene, "--decoder", "lookup"]).expect(1, &["needs --lookup-table"]);
+    }
+}
+
+#[test]
+fn the_plan_file_counts_and_flags_win_over_it() {
+    let shop = Workshop::detailed();
+    let scene = shop.text("s");
+    let plan = shop.text("plan.toml");
+    let keys = b"count = 2\ncandidates = 15\nseed = 3\n";
+    shop.put("plan.toml", &[&keys[..], COARSE].concat());
+    let list = |more: &[&str]| {
+        let said = palpate(["next-touch", &scene, "--json", "--config", &plan].iter().chain(more));
+        said.expect(0, &[]);
+        said.out
+    };
+    let touches = |json: &str| {
+        let report: serde_json::Value = serde_json::from_str(json).expect("one JSON object");
+        report["touches"].as_array().map_or(0, Vec::len)
+    };
+    let from_file = list(&[]);
+    assert_eq!(touches(&from_file), 2);
+    assert_eq!(touches(&list(&["--count", "1"])), 1);
+    assert_ne!(list(&["--seed", "4", "--candidates", "14"]), from_file);
+    shop.put("plan.toml", b"sensor = \"gelsite\"\ncandidates = 15\n");
+    palpate(["explore", "primitive:cube", "--output", &shop.text("out"), "--config", &plan]).expect(1, &["'gelsite'"]);
+}
+
+#[test]
+fn the_defaults_of_the_plan_are_printed_and_read_back() {
+    let shop = Workshop::new();
+    let printed = palpate(["config", "--plan"]);
+    printed.expect(0, &["candidates = 200", "[belief]", "[reconstruct.implicit]"]);
+    shop.put("plan.toml", printed.out.as_bytes());
+    let again = palpate(["config", "--plan", "--config", &shop.text("plan.toml")]);
+    assert_eq!(again.out, printed.out, "{}", again.err);
+}
+
+#[test]
 fn next_touch_says_what_is_wrong() {
     let shop = Workshop::detailed();
     shop.put("plan.toml", COARSE);

@@ -86,7 +86,7 @@ fn it_waits_through_a_torn_file_and_begins_anew_with_another_scene() {
     let one = format!("{before}{}", touches[0]);
     shop.put("s/scene.toml", one.as_bytes());
     let mut running = Running::start(&shop, &["--settle", "inf"]);
-    assert!(running.line().contains("1 touches"));
+    assert!(running.line().contains("1 touch,"));
     shop.put("s/scene.toml", format!("{one}[[touches]]\nheight_m").as_bytes());
     std::thread::sleep(Duration::from_millis(300));
     shop.put("s/scene.toml", format!("{one}{}", touches[1]).as_bytes());

@@ -92,9 +92,89 @@ fn outputs_that_cannot_be_written_are_said_before_the_work() {
     let shop = Workshop::detailed();
     let scene = shop.text("s");
     palpate(["reconstruct", &scene, "--output", &shop.text("missing/out.ply")]).expect(1, &["missing"]);
-    palpate(["reconstruct", &scene, "--output", &scene]).expect(1, &["folder"]);
+    palpate(["reconstruct", &scene, "--output", &shop.text("out.3ds")]).expect(1, &["out.3ds", ".stl"]);
     palpate(["reconstruct", &scene, &scene, "--output", &shop.text("out.ply")]).expect(1, &["must be a folder"]);
     palpate(["reconstruct", &scene]).expect(2, &["--output"]);
+}
+
+#[test]
+fn a_file_is_written_once_or_not_at_all() {
+    let shop = Workshop::detailed();
+    reconstruct(&shop, &["--report", &shop.text("out.ply")]).expect(1, &["out.ply", "by --output and by --report"]);
+    std::fs::create_dir_all(shop.path("steps/felt.ply")).expect("made");
+    reconstruct(&shop, &["--keep", &shop.text("steps")]).expect(1, &["felt.ply", "folder"]);
+    assert!(!shop.path("out.ply").exists(), "no mesh of a run that failed");
+    let (scene, inside) = (shop.text("s"), shop.text("kept/visible.ply"));
+    std::fs::create_dir(shop.path("kept")).expect("made");
+    let args = ["reconstruct", &scene, "--output", &inside, "--keep", &shop.text("kept")];
+    palpate(args).expect(1, &["visible.ply", "by --output and by --keep"]);
+}
+
+#[test]
+fn one_scene_into_a_folder() {
+    let shop = Workshop::detailed();
+    shop.put("coarse.toml", b"[implicit]\nspacing = 0.003\ndense_cells = 20000\n");
+    let (scene, config) = (shop.text("s"), shop.text("coarse.toml"));
+    for folder in ["new/", "new"] {
+        let output = format!("{}/{folder}", shop.text(""));
+        palpate(["reconstruct", &scene, "--output", &output, "--config", &config]).expect(0, &["s.ply"]);
+        assert!(shop.path("new/s.ply").is_file());
+    }
+    palpate(["reconstruct", &scene, &scene, "--output", &shop.text("none")]).expect(1, &["two scenes are called 's'"]);
+    assert!(!shop.path("none").exists(), "a refused run leaves no folder");
+}
+
+#[test]
+fn flags_that_do_nothing_say_so() {
+    let shop = Workshop::detailed();
+    let said = reconstruct(&shop, &["--decoder", "compact", "--pick", "3,4", "--color", "image"]);
+    said.expect(3, &["palpate: warning: --decoder compact: 2 of 2 touches have no image", "--pick is not used"]);
+    said.expect(3, &["the vertices are not coloured: the scene has no colour image", "genus 0", "2 touches, "]);
+    let weights = shop.text("w.bin");
+    shop.put("w.bin", b"");
+    reconstruct(&shop, &["--weights", &weights]).expect(0, &["so none is decoded"]);
+    reconstruct(&shop, &["--max-touches", "1"]).expect(0, &["1 touch, "]);
+}
+
+#[test]
+fn colours_that_cannot_be_are_refused_before_the_work() {
+    let shop = Workshop::detailed();
+    reconstruct(&shop, &["--method", "paper", "--color", "sigma"]).expect(1, &["color can only be 'none'"]);
+    let (scene, out) = (shop.text("s"), shop.text("out.stl"));
+    palpate(["reconstruct", &scene, "--output", &out, "--color", "sigma"]).expect(1, &["an .stl holds no colours"]);
+    assert!(!shop.path("out.stl").exists());
+}
+
+#[test]
+fn a_wall_in_metres_is_refused() {
+    let shop = Workshop::detailed();
+    for wall in ["0.002", "0", "NaN"] {
+        reconstruct(&shop, &["--wall", wall]).expect(1, &[&format!("--wall {wall}"), "2 mm is 2"]);
+    }
+}
+
+#[test]
+fn vertices_keep_what_is_known_of_them_while_they_stay_where_they_are() {
+    let shop = Workshop::detailed();
+    reconstruct(&shop, &[]).expect(0, &[]);
+    let (from, to) = (shop.text("out.ply"), shop.text("new.ply"));
+    let (mesh, known) = palpate::io::read_mesh_with(&from).expect("written");
+    assert!(known.sigma_mm.is_some() && known.provenance.is_some());
+    palpate(["mesh", &from, "--output", &to, "--largest", "--repair"]).expect(0, &[]);
+    let (kept, values) = palpate::io::read_mesh_with(&to).expect("written");
+    assert_eq!(Some(values), known.carried(&mesh, &kept));
+    palpate(["mesh", &from, "--output", &to, "--smooth", "2"]).expect(0, &["warning", "vertices were moved or made"]);
+    assert!(palpate::io::read_mesh_with(&to).expect("written").1.is_empty());
+    palpate(["mesh", &from, "--output", &shop.text("new.obj")]).expect(0, &["only a .ply holds them"]);
+    // The picture shows them; a mesh without them is drawn plain and that is said.
+    let mut pictures = Vec::new();
+    for by in ["plain", "provenance", "sigma"] {
+        let args = ["render", &from, "--output", &shop.text("p.png"), "--size", "64x64", "--color-by", by];
+        assert_eq!(palpate(args).expect(0, &[]).err, "");
+        pictures.push(std::fs::read(shop.path("p.png")).expect("written"));
+    }
+    assert!(pictures[0] != pictures[1] && pictures[1] != pictures[2] && pictures[0] != pictures[2]);
+    palpate(["render", &to, "--output", &shop.text("p.png"), "--color-by", "sigma"]).expect(0, &["no sigma_mm"]);
 }
 
 #[test]

@@ -31,9 +31,9 @@ fn init_makes_a_scene_that_passes() {
     let shop = Workshop::new();
     let (depth, mask, output) = (shop.text("s/depth.png"), shop.text("s/mask.png"), shop.text("new"));
     let args = ["init", "--depth", &depth, "--mask", &mask, "--intrinsics", "60,60,31.5,23.5", "--output", &output];
-    // The depth of the workshop is in 0.1 mm; the default of 1 mm puts the sphere at 4 m, which is possible.
-    palpate(args).expect(0, &["scene.toml"]);
-    palpate(["check", &output]).expect(0, &["touches: 0"]);
+    // The depth of the workshop is in 0.1 mm; the default of 1 mm puts the sphere at 3.8 m, which is possible and doubtful.
+    palpate(args).expect(0, &["scene.toml: median depth 3.", "palpate: warning:"]);
+    palpate(["check", &output]).expect(0, &["touches: 0", "is metres_per_unit right"]);
     palpate(args).expect(1, &["there is already a scene here"]);
     let unit = palpate(args.into_iter().chain(["--force", "--metres-per-unit", "0.01"]));
     unit.expect(0, &["warning:", "the median depth is", "is metres_per_unit right"]);

@@ -36,6 +36,24 @@ fn the_same_command_writes_the_same_bytes_whatever_the_threads() {
 }
 
 #[test]
+fn a_scene_is_made_anew_only_if_asked_and_then_without_its_old_touches() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let run = |touches: &str, more: &[&str]| {
+        let args = ["simulate", "primitive:cube", "--map-width", "40", "--output", "a", "--touches", touches];
+        palpate(folder.path(), &[&args, more].concat())
+    };
+    let (status, errors) = run("2", &[]);
+    assert_eq!(status, 0, "{errors}");
+    let (status, errors) = run("1", &[]);
+    assert!(status == 1 && errors.contains("cube_view0: there is already a scene here; --force"), "{errors}");
+    let touch = |n: usize| folder.path().join(format!("a/cube_view0/touches/00{n}_height.npy"));
+    assert!(touch(1).is_file(), "a refusal leaves the scene as it is");
+    let (status, errors) = run("1", &["--force"]);
+    assert_eq!(status, 0, "{errors}");
+    assert!(touch(0).is_file() && !touch(1).exists());
+}
+
+#[test]
 fn unknown_solids_and_sensors_are_named_with_what_is_known() {
     let folder = tempfile::tempdir().expect("a folder");
     let (status, errors) = palpate(folder.path(), &["simulate", "primitive:teapot", "--output", "out"]);

@@ -142,7 +142,10 @@ fn run_with(mut args: Args, reconstruct: &Reconstructor) -> anyhow::Result<Outco
     println!("{}", args.output.join("summary.md").display());
     let failed = rows.iter().filter(|row| !row.error.is_empty()).count();
     if failed > 0 {
-        eprintln!("palpate: {failed} of {} runs gave no mesh: see the column `error` of results.csv", rows.len());
+        crate::say::warn(format!(
+            "{failed} of {} runs gave no mesh: see the column `error` of results.csv",
+            rows.len()
+        ));
         return Ok(Outcome::Degraded);
     }
     Ok(Outcome::Done)

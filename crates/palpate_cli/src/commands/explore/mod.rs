@@ -8,6 +8,7 @@ use super::next_touch::{read_plan, read_reach};
 use super::simulate::load;
 use crate::Outcome;
 use crate::progress::LateBar;
+use crate::say;
 use anyhow::{Context as _, bail, ensure};
 use clap::ValueEnum;
 use palpate::explore::{ExploreParams, Policy, Step, Trial};
@@ -43,16 +44,16 @@ pub(crate) struct Args {
     /// Seeds of the view and of the candidates, one run each
     #[arg(long, value_delimiter = ',', default_values_t = [0], value_name = "N,…")]
     seed: Vec<u64>,
-    /// Reachable poses offered at each step, the same number for every policy
-    #[arg(long, default_value_t = 20, value_name = "N")]
-    candidates: usize,
-    /// Sensor: ycb-sight, gelsight-r15, gelsight-mini, digit
-    #[arg(long, default_value = "ycb-sight", value_name = "PRESET")]
-    sensor: String,
+    /// Reachable poses offered at each step, the same number for every policy [default: 20]
+    #[arg(long, value_name = "N")]
+    candidates: Option<usize>,
+    /// Sensor: ycb-sight, gelsight-r15, gelsight-mini, digit [default: ycb-sight]
+    #[arg(long, value_name = "PRESET")]
+    sensor: Option<String>,
     /// What the arm can reach (TOML)
     #[arg(long, value_name = "FILE")]
     reach: Option<PathBuf>,
-    /// Parameters of the plan and the reconstruction (TOML)
+    /// Parameters of the plan and the reconstruction (TOML); `palpate config --plan` prints all of them. Flags win over the file
     #[arg(long, value_name = "FILE")]
     config: Option<PathBuf>,
     /// Folder for errors.csv, summary.md and touches.svg
@@ -99,9 +100,15 @@ pub(crate) fn run(args: Args) -> anyhow::Result<Outcome> {
         }
     }
     let mut base = ExploreParams { touches: args.touches, view: args.view, ..ExploreParams::default() };
+    let candidates = base.plan.candidates;
     base.plan = read_plan(args.config.as_ref())?;
-    base.plan.candidates = args.candidates;
-    base.plan.sensor.clone_from(&args.sensor);
+    if !sets_candidates(args.config.as_ref())? {
+        base.plan.candidates = candidates;
+    }
+    base.plan.candidates = args.candidates.unwrap_or(base.plan.candidates);
+    if let Some(sensor) = &args.sensor {
+        base.plan.sensor.clone_from(sensor);
+    }
     if let Some(path) = &args.reach {
         base.plan.reach = read_reach(path)?;
     }
@@ -129,10 +136,17 @@ pub(crate) fn run(args: Args) -> anyhow::Result<Outcome> {
     println!("{}", args.output.join("errors.csv").display());
     let short = jobs.iter().any(|job| results.last(&job.key).is_some_and(|t| t < args.touches));
     if short {
-        eprintln!("palpate: some runs ended early: no other place could be reached");
+        say::warn("some runs ended early: no other place could be reached");
         return Ok(Outcome::Degraded);
     }
     Ok(Outcome::Done)
+}
+
+/// Whether a plan says how many candidates there are: its default is for one list, not for each step of a loop.
+fn sets_candidates(plan: Option<&PathBuf>) -> anyhow::Result<bool> {
+    let Some(path) = plan else { return Ok(false) };
+    let table: toml::Table = toml::from_str(&palpate::io::read_text(path)?)?;
+    Ok(table.contains_key("candidates"))
 }
 
 fn jobs<'a>(args: &Args, objects: &'a [(String, TriangleMesh)]) -> Vec<Job<'a>> {

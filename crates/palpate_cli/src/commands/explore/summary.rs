@@ -1,6 +1,7 @@
 //! Means over the runs, and the share of the gap between random and oracle that a policy closes.
 
 use super::results::Row;
+use crate::say;
 use palpate::explore::{ObjectErrors, gap_closed};
 use palpate::io;
 use palpate::metrics::summarize;
@@ -16,6 +17,9 @@ pub(super) fn write(path: &Path, rows: &[Row]) -> anyhow::Result<()> {
 }
 
 /// Values of a policy after a number of touches by object. Runs of different length have the same beginning: each counts once.
+///
+/// A run that ended before the touches asked for (no other place could be reached) keeps its last value, or the mean of the later
+/// counts would be over other objects than that of the earlier ones.
 pub(super) fn groups(
     rows: &[Row],
     policy: &str,
@@ -23,18 +27,31 @@ pub(super) fn groups(
     value: fn(&Row) -> Option<f64>,
 ) -> BTreeMap<String, Vec<f64>> {
     let mut runs = BTreeMap::new();
-    for row in rows.iter().filter(|r| r.key.policy == policy && r.touches == touches) {
-        runs.insert((&row.key.object, row.key.view, row.key.seed), value(row));
+    for row in rows.iter().filter(|r| r.key.policy == policy && r.touches <= touches && touches <= r.key.asked) {
+        let run = runs.entry((&row.key.object, row.key.view, row.key.seed)).or_insert(row);
+        if row.touches > run.touches {
+            *run = row;
+        }
     }
     let mut by_object: BTreeMap<String, Vec<f64>> = BTreeMap::new();
-    for ((object, ..), value) in runs {
-        by_object.entry(object.clone()).or_default().extend(value);
+    for ((object, ..), row) in runs {
+        by_object.entry(object.clone()).or_default().extend(value(row));
     }
     by_object
 }
 
 pub(super) fn most_touches(rows: &[Row]) -> usize {
     rows.iter().map(|r| r.touches).max().unwrap_or(0)
+}
+
+/// Runs that ended before the touches asked for.
+fn ended_early(rows: &[Row]) -> usize {
+    let mut last: BTreeMap<(&String, usize, u64, &String, usize), usize> = BTreeMap::new();
+    for Row { key, touches, .. } in rows {
+        let run = last.entry((&key.object, key.view, key.seed, &key.policy, key.asked)).or_default();
+        *run = (*run).max(*touches);
+    }
+    last.iter().filter(|((.., asked), touches)| *touches < asked).count()
 }
 
 /// A Markdown table, and the gap closed where random and oracle were run.
@@ -55,6 +72,14 @@ pub(super) fn text(rows: &[Row]) -> String {
                 error.count, error.mean
             );
         }
+    }
+    let early = ended_early(rows);
+    if early > 0 {
+        let runs = say::count(early, "run", "runs");
+        let _ = writeln!(
+            out,
+            "\n{runs} ended early, no other place could be reached: the last error counts for the touches not made."
+        );
     }
     for policy in ["next-best", "even"] {
         for touches in 1..=most_touches(rows) {
@@ -99,5 +124,18 @@ mod tests {
         assert!(said.contains("next-best closes 50 % of the gap"), "{said}");
         assert!(said.contains("| oracle | 5 | 1 | 1.000"), "{said}");
         assert!(!text(&rows[..2]).contains("closes"), "no oracle, no gap");
+    }
+
+    #[test]
+    fn a_run_that_ended_early_keeps_its_last_error() {
+        // Two objects; the can could be touched twice, the mug as often as asked (5 times).
+        let mut rows: Vec<Row> = (0..=5).map(|n| row("mug", "random", n, 1.0)).collect();
+        rows.extend((0..=2).map(|n| row("can", "random", n, 3.0)));
+        let said = text(&rows);
+        for touches in [2, 3, 5] {
+            assert!(said.contains(&format!("| random | {touches} | 2 | 2.000")), "{said}");
+        }
+        assert!(said.contains("1 run ended early"), "{said}");
+        assert!(!text(&rows[..6]).contains("ended early"), "the mug alone was touched as often as asked");
     }
 }

@@ -134,7 +134,10 @@ pub(crate) fn run(args: Args) -> anyhow::Result<Outcome> {
         println!("{} rows, summary in {}", rows.len(), args.output.join("summary.md").display());
     }
     if failed > 0 {
-        eprintln!("palpate: {failed} of {} images could not be decoded; the column `error` says why", rows.len());
+        crate::say::warn(format!(
+            "{failed} of {} images could not be decoded; the column `error` says why",
+            rows.len()
+        ));
         return Ok(Outcome::Degraded);
     }
     Ok(Outcome::Done)
