@@ -6,7 +6,7 @@ use std::ops::Range;
 const LEAF: usize = 32;
 
 /// What `f` makes of each point and its `count` nearest, itself included: squared distances and indices, in a fixed order that is not by distance. Fewer if there
-/// are fewer points; ties go to the smaller index. Points must be finite.
+/// are fewer points; ties go to the smaller index, but for those of a heap of equal points. Points must be finite; one that is not finds less.
 ///
 /// O(n log n) on average, in parallel: the points of a k-d tree's leaf share one search, which a tree asked point by point repeats.
 pub(crate) fn map_nearest<T: Clone + Default + Send>(
@@ -55,10 +55,12 @@ struct Tree {
 /// What the points of a leaf share.
 #[derive(Default)]
 struct Search {
-    /// Places of the points that may be near.
-    spans: Vec<Range<usize>>,
+    /// Leaves whose points may be near, by node.
+    leaves: Vec<usize>,
     /// Squared distance, of each of the leaf's points, within which its nearest are.
     reach: Vec<f64>,
+    /// Places of enough points, where those of the leaf and these are all equal.
+    equal: Option<Range<usize>>,
     /// The leaf's first point.
     first: usize,
     found: Vec<(f64, u32)>,
@@ -103,6 +105,11 @@ impl Tree {
             search.reach.push(*reach);
         }
         let furthest = search.reach.iter().copied().fold(0.0, f64::max);
+        if furthest == 0.0 {
+            // As many equal points as are asked for: the rest of them say nothing more.
+            search.equal = Some(some);
+            return;
+        }
         let mut open = vec![0];
         while let Some(at) = open.pop() {
             let other = &self.nodes[at];
@@ -110,10 +117,7 @@ impl Tree {
                 continue;
             }
             match other.children {
-                0 => match search.spans.last_mut() {
-                    Some(last) if last.end == other.points.start => last.end = other.points.end,
-                    _ => search.spans.push(other.points.clone()),
-                },
+                0 => search.leaves.push(at),
                 first => open.extend([first + 1, first]),
             }
         }
@@ -124,18 +128,27 @@ impl Tree {
         let (p, reach) = (self.place[at], search.reach[at - search.first]);
         let found = &mut search.found;
         found.clear();
-        for span in &search.spans {
-            for (q, &i) in self.place[span.clone()].iter().zip(&self.order[span.clone()]) {
+        let mut take = |span: Range<usize>| {
+            for (q, &i) in self.place[span.clone()].iter().zip(&self.order[span]) {
                 let squared = (q - p).norm_squared();
                 if squared <= reach {
                     found.push((squared, i));
                 }
             }
+        };
+        match &search.equal {
+            Some(span) => take(span.clone()),
+            None => {
+                // What the leaf's farthest point needs, this one may not.
+                let own = Aabb { min: p, max: p };
+                let near = search.leaves.iter().map(|&n| &self.nodes[n]).filter(|n| gap(&own, &n.bounds) <= reach);
+                near.for_each(|n| take(n.points.clone()));
+            }
         }
         if found.len() > self.count {
             found.select_nth_unstable_by(self.count - 1, |a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
         }
-        &found[..self.count]
+        &found[..found.len().min(self.count)]
     }
 }
 
@@ -174,7 +187,12 @@ mod tests {
                     near.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
                     near
                 });
+                let heap = points.len() == 100;
                 for (p, found) in points.iter().zip(found) {
+                    if heap {
+                        assert!(found.len() == count.min(100) && found.iter().all(|f| f.0 == 0.0));
+                        continue;
+                    }
                     let mut all: Vec<(f64, u32)> =
                         points.iter().enumerate().map(|(i, q)| ((q - p).norm_squared(), i as u32)).collect();
                     all.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
@@ -184,5 +202,15 @@ mod tests {
             }
         }
         assert!(map_nearest(&[], 3, |_, _| 0).is_empty());
+    }
+
+    #[test]
+    fn a_heap_of_equal_points_and_a_point_that_is_none_are_survived() {
+        let mut points = vec![Point::origin(); 300_000];
+        points[7] = Point::new(1.0, 0.0, 0.0);
+        let far = map_nearest(&points, 3, |_, near| near.iter().map(|n| n.0).sum::<f64>());
+        assert_eq!(far.iter().filter(|&&d| d > 0.0).count(), 1);
+        let odd = [Point::new(f64::NAN, 0.0, 0.0), Point::origin(), Point::new(f64::INFINITY, 0.0, 0.0)];
+        assert_eq!(map_nearest(&odd, 2, |_, near| near.len()).len(), 3);
     }
 }

@@ -1,7 +1,7 @@
 //! An object that is touched while it is being reconstructed: each touch changes the mesh where it tells something new.
 
 use super::fused::{self, Kept};
-use super::reconstruct::{SettledTouch, Stages, Warning, felt_cloud};
+use super::reconstruct::{SettledTouch, Stages, Warning, felt_cloud, mesh_warnings};
 use super::trust::{covariance, is_uncertain, stated_sigma, width};
 use super::uncertainty::{VertexKnowledge, knowledge_where};
 use super::vertices::{Places, same_vertices};
@@ -311,7 +311,11 @@ impl<'a> Session<'a> {
         }
         let knowledge = self.result.knowledge.as_ref();
         mesh.colors = color::paint(mesh, self.params.color, knowledge, &self.scene.frame, visible, guesses);
-        self.result.warnings.retain(|w| !matches!(w, Warning::Extrapolated { .. }));
+        let of_the_mesh = |w: &Warning| {
+            matches!(w, Warning::Extrapolated { .. } | Warning::Open | Warning::Large { .. } | Warning::Handles { .. })
+        };
+        self.result.warnings.retain(|w| !of_the_mesh(w));
+        self.result.warnings.extend(mesh_warnings(mesh));
         self.result.warnings.extend(knowledge.and_then(VertexKnowledge::warning));
         self.result.felt = felt_cloud(patches);
         self.result.moved = fused::sample_cloud(&moved.kept);

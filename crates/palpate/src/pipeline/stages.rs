@@ -63,16 +63,17 @@ pub fn with_contacts(
     count: usize,
     decoder: Option<&dyn TactileDecoder>,
 ) -> Result<Scene, ReconstructError> {
-    let mut scene = Scene { touches: scene.touches.iter().take(count).cloned().collect(), ..scene.clone() };
+    let mut scene = scene.clone();
+    scene.touches.truncate(count);
     if scene.touches.is_empty() {
         return Ok(scene);
     }
     let sensor = scene.sensor.as_ref().ok_or(ReconstructError::NoSensor { touches: scene.touches.len() })?;
-    scene.touches.par_iter_mut().enumerate().try_for_each(|(i, touch)| {
-        let contact = contact_of(touch, decoder, sensor).map(Cow::into_owned);
-        touch.contact = Some(contact.map_err(|source| ReconstructError::Decode { touch: i, source })?);
-        Ok::<(), ReconstructError>(())
-    })?;
+    let contacts: Vec<_> =
+        scene.touches.par_iter().map(|t| contact_of(t, decoder, sensor).map(Cow::into_owned)).collect();
+    for (i, contact) in contacts.into_iter().enumerate() {
+        scene.touches[i].contact = Some(contact.map_err(|source| ReconstructError::Decode { touch: i, source })?);
+    }
     Ok(scene)
 }
 

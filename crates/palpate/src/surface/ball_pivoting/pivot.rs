@@ -8,6 +8,8 @@ use crate::surface::poisson::octree_order;
 use crate::surface::{SurfaceError, fill_holes};
 use std::collections::VecDeque;
 
+/// Multiple of the smallest radius up to which a ball's neighbourhood is scanned for what is in its way.
+const SMALL: f64 = 4.0;
 /// Multiples of the median spacing that serve as radii where none are given.
 const DEFAULT_RADII: [f64; 4] = [1.5, 2.5, 4.0, 6.0];
 /// Diagonal of the cloud over the largest ball that bridges islands: about the size of the object's features.
@@ -58,14 +60,22 @@ pub fn ball_pivoting(cloud: &PointCloud, params: &BallPivotingParams) -> Result<
     let normals: Vec<Vector> = kept.iter().map(|&i| normals[i]).collect();
     let mut front = Front::new(kept.len());
     let tree = KdTree::new(&points);
+    let small = SMALL * radii.first().copied().unwrap_or(0.0);
     for &radius in &radii {
         // Surrounded points can only be in a ball's way.
         let active: Vec<u32> = (0..points.len() as u32).filter(|&v| !front.is_inner(v)).collect();
-        let all = Grid::new(&points, 2.0 * radius);
-        let some = (active.len() < points.len())
-            .then(|| Grid::new(&active.iter().map(|&v| points[v as usize]).collect::<Vec<_>>(), 2.0 * radius));
-        let grid = some.as_ref().unwrap_or(&all);
-        Ball { radius, points: &points, normals: &normals, tree: &tree, active, grid, all: &all }.roll(&mut front);
+        let all = (radius <= small).then(|| Grid::new(&points, 2.0 * radius));
+        let some;
+        let grid = match &all {
+            Some(all) if active.len() == points.len() => all,
+            _ => {
+                let places: Vec<Point> = active.iter().map(|&v| points[v as usize]).collect();
+                some = Grid::new(&places, 2.0 * radius);
+                &some
+            }
+        };
+        let all = all.as_ref();
+        Ball { radius, points: &points, normals: &normals, tree: &tree, active, grid, all }.roll(&mut front);
     }
     if front.faces.is_empty() {
         let reason = format!("no ball of radius {radii:?} m rests on three of them");
@@ -110,8 +120,8 @@ struct Ball<'a> {
     active: Vec<u32>,
     /// Finds members of `active`.
     grid: &'a Grid,
-    /// Finds all points.
-    all: &'a Grid,
+    /// Finds all points; for small balls, which it serves faster than the tree.
+    all: Option<&'a Grid>,
 }
 
 impl Ball<'_> {
@@ -249,8 +259,12 @@ impl Ball<'_> {
 
     /// The corners themselves lie on the ball, not in it.
     fn is_empty(&self, center: &Point) -> bool {
+        // Cells as wide as a ball that bridges holes hold much of the cloud.
+        let Some(all) = self.all else {
+            return self.tree.nearest(center).is_none_or(|(_, distance)| distance >= self.radius * (1.0 - 1e-9));
+        };
         let mut empty = true;
-        self.all.within(center, self.radius * (1.0 - 1e-9), |_, _, _| {
+        all.within(center, self.radius * (1.0 - 1e-9), |_, _, _| {
             empty = false;
             false
         });

@@ -54,8 +54,8 @@ impl Quality {
 /// (q − p)·(n + m)/|n + m|, n and m being the normals: for two points of a smooth surface that is zero up to the third order of the distance, where the
 /// distance from the plane of q alone would draw curved surfaces inwards.
 ///
-/// Points of a small cell that face the same octant are weighed as one, which loses nothing of what they say: that is bilinear in their places and normals.
-/// O(n log n): the groups round a point are a few dozen, however many points they hold.
+/// Points of a small cell that face alike are weighed as one, by their mean normal; what they say of the offset is summed exactly.
+/// O(n log n): the groups round a point are some hundred at most, however many points they hold.
 ///
 /// Kolluri, *Provably good moving least squares*, ACM Trans. Algorithms 4(2), 2008, with planes for neighbours.
 ///
@@ -105,15 +105,16 @@ struct Group {
     along: f64,
 }
 
-/// The points by cells of the edge and octants of their normals, in a fixed order.
+/// The points by cells of the edge and by octant and largest coordinate of their normals, in a fixed order: normals of a group are at most 60° apart, so that
+/// the faces of an edge stay two.
 fn grouped(points: &[Point], normals: &[Vector], edge: f64) -> Vec<Group> {
     let Some(bounds) = Aabb::of(points) else { return Vec::new() };
-    // Twenty bits an axis.
+    // Nineteen bits an axis, and one for the side.
     let edge = edge.max(bounds.size().max() / f64::from(1 << 19));
     let key = |i: usize| {
         let cell = (points[i] - bounds.min) / edge;
         let bits = |k: usize| (cell[k] as u64) << 1 | u64::from(normals[i][k] < 0.0);
-        bits(2) << 42 | bits(1) << 21 | bits(0)
+        (normals[i].iamax() as u64) << 60 | bits(2) << 40 | bits(1) << 20 | bits(0)
     };
     let mut order: Vec<(u64, u32)> = (0..points.len()).into_par_iter().map(|i| (key(i), i as u32)).collect();
     order.par_sort_unstable();
@@ -197,5 +198,19 @@ mod tests {
         assert_eq!(quality(0.0).radius(), 1.0);
         assert!((quality(0.5).radius() - 1.763).abs() < 1e-3);
         assert_eq!(quality(1e9).radius(), WIDEST);
+    }
+
+    #[test]
+    fn the_faces_of_an_edge_do_not_draw_each_other() {
+        let at = |i: u32| f64::from(i) * 1e-3;
+        let face = |turn: &dyn Fn(f64, f64) -> Point, n: Vector| -> Vec<(Point, Vector)> {
+            (0..900).map(|k| (turn(at(k % 30), at(k / 30)), n)).collect()
+        };
+        let mut both = face(&|u, v| Point::new(0.0, u, -v), Vector::x());
+        both.extend(face(&|u, v| Point::new(-v, u, 0.0), Vector::z()));
+        let (points, normals): (Vec<Point>, Vec<Vector>) = both.into_iter().unzip();
+        let (moved, _) = projected(&points, &normals, 2e-3);
+        let farthest = points.iter().zip(&moved).map(|(p, q)| (p - q).norm()).fold(0.0, f64::max);
+        assert!(farthest < 1e-9, "{farthest}");
     }
 }

@@ -47,16 +47,22 @@ fn gap(s: &WeightedSample, samples: &[WeightedSample], tree: &KdTree) -> Option<
     behind.min_by(f64::total_cmp)
 }
 
+/// How far behind a measured sample guesses are looked at, metres.
+pub(super) fn reach(wall: f64) -> f64 {
+    (wall + SLACK).hypot(ASIDE)
+}
+
 /// The guesses that a stated wall does not know better: those with no measured surface on the other side of it.
 ///
 /// Copies of felt patches are off by what the symmetry is off; a millimetre suffices to lay them through the measured side of a thin wall.
 pub(super) fn beside_walls(problem: &ImplicitProblem, wall: f64) -> Vec<WeightedSample> {
-    let points: Vec<Point> = problem.measured.iter().map(|s| s.position).collect();
+    let measured = thin::merged(&ImplicitProblem { guessed: &[], ..*problem }, PAIR_SPACING);
+    let points: Vec<Point> = measured.iter().map(|s| s.position).collect();
     let tree = KdTree::new(&points);
     let known = |s: &&WeightedSample| {
-        let near = tree.within(&s.position, (wall + SLACK).hypot(ASIDE));
+        let near = tree.within(&s.position, reach(wall));
         near.into_iter().any(|(i, _)| {
-            let q = &problem.measured[i];
+            let q = &measured[i];
             let d = q.position - s.position;
             let depth = d.dot(&q.normal);
             let aside = (d - q.normal * depth).norm_squared();

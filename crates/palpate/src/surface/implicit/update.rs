@@ -101,11 +101,14 @@ fn solve_part(
 ) -> Level {
     let mut part = level.crop(low, high);
     let bounds = part.bounds();
-    let close = bounds.inflated(2.0 * level.spacing + params.shell.wall.unwrap_or(0.0));
+    let close = bounds.inflated(2.0 * level.spacing + params.shell.wall.map_or(0.0, shell::reach));
     let pick = |samples: &[WeightedSample]| {
         samples.iter().filter(|s| close.contains(&s.position)).copied().collect::<Vec<_>>()
     };
-    let (measured, guessed) = (pick(problem.measured), pick(problem.guessed));
+    let (measured, mut guessed) = (pick(problem.measured), pick(problem.guessed));
+    if let Some(wall) = params.shell.wall {
+        guessed = shell::beside_walls(&ImplicitProblem { measured: &measured, guessed: &guessed, ..*problem }, wall);
+    }
     let local = ImplicitProblem { measured: &measured, guessed: &guessed, ..*problem };
     let samples = thin::merged(&local, params.sample_spacing * part.spacing);
     // Where the surface must go far, the nodes on the way move too.
