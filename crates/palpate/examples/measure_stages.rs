@@ -7,7 +7,7 @@
 mod cpu;
 
 use cpu::cpu_seconds;
-use palpate::camera::{Background, DepthNoise, Frame, PinholeCamera, SmoothParams, smooth_depth};
+use palpate::camera::{Background, DepthNoise, Frame, PinholeCamera, SmoothParams, raster_normals, smooth_depth};
 use palpate::geometry::{
     Bvh, Isometry, KdTree, PlaneRansac, Point, Raster, Vector, cluster_sizes, estimate_normals, euclidean_clusters,
     statistical_outliers, voxel_average,
@@ -76,6 +76,11 @@ fn depth_stages(frame: &Frame) {
     );
     measure("statistical outliers k 20, 2 sigma, full frame", || statistical_outliers(&points, 20, 2.0), count);
     measure("normals kNN 30, full frame", || estimate_normals(&points, 30, &Point::origin()), |_| String::new());
+    measure(
+        "normals from the raster, full frame",
+        || raster_normals(&frame.depth, &frame.camera, 4, 0.012),
+        |_| String::new(),
+    );
     let all = frame.depth.map(|z| z.is_finite());
     measure(
         "denoise and normals from the raster, full frame",

@@ -64,10 +64,10 @@ impl SmoothParams {
 }
 
 /// A plane through the neighbourhood of a pixel: depth there and its slopes, metres and metres per pixel.
-struct LocalPlane {
-    z: f64,
-    z_u: f64,
-    z_v: f64,
+pub(super) struct LocalPlane {
+    pub(super) z: f64,
+    pub(super) z_u: f64,
+    pub(super) z_v: f64,
 }
 
 /// Denoises depth and takes normals in one pass: around each object pixel a plane is fitted robustly to the object's readings.
@@ -102,7 +102,8 @@ pub fn smooth_depth(
     (fitted.map(|f| f.0), fitted.map(|f| f.1))
 }
 
-fn oriented(
+/// The depth and the unit normal of a local plane at a pixel, facing the camera; `None` below the least cosine with the ray.
+pub(super) fn oriented(
     plane: &LocalPlane,
     camera: &PinholeCamera,
     (row, col): (usize, usize),
