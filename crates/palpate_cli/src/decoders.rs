@@ -60,6 +60,21 @@ pub(crate) struct DecoderFiles {
     pub(crate) calibration: Option<PathBuf>,
 }
 
+impl DecoderFiles {
+    /// A warning for each file that this decoder does not take.
+    pub(crate) fn idle(&self, kind: DecoderKind) -> Vec<String> {
+        use DecoderKind::{Calibrated, Compact, Fcrn, Lookup, LookupFree};
+        let flags: [(&str, &Option<PathBuf>, &[DecoderKind]); 4] = [
+            ("--lookup-table", &self.lookup_table, &[Lookup, LookupFree]),
+            ("--weights", &self.weights, &[Compact, Fcrn]),
+            ("--mask-weights", &self.mask_weights, &[Fcrn]),
+            ("--calibration", &self.calibration, &[Calibrated]),
+        ];
+        let idle = flags.into_iter().filter(|(_, file, takers)| file.is_some() && !takers.contains(&kind));
+        idle.map(|(flag, ..)| format!("{flag} is not used: the decoder is '{}'", kind.name())).collect()
+    }
+}
+
 /// Where the height maps of a scene's touches come from.
 #[derive(Debug, Clone, clap::Args)]
 pub(crate) struct TouchDecoder {
@@ -114,7 +129,9 @@ impl TouchDecoder {
     }
 
     /// What was asked for and is not there, if the scene has no images to decode.
-    fn unused(&self, touches: &[Touch]) -> Option<String> {
+    ///
+    /// * `more` – whether touches may be added later, and decoded
+    fn unused(&self, touches: &[Touch], more: bool) -> Option<String> {
         let without = touches.iter().filter(|t| t.image.is_none()).count();
         if self.wants_images() && without > 0 {
             let name = self.decoder.kind().map_or("", DecoderKind::name);
@@ -125,7 +142,7 @@ impl TouchDecoder {
         }
         let files = &self.files;
         let given = files.calibration.is_some() || files.weights.is_some() || files.lookup_table.is_some();
-        let decoded = touches.iter().any(|t| t.contact.is_none());
+        let decoded = more || touches.iter().any(|t| t.contact.is_none());
         (given && !decoded && !touches.is_empty() && !self.wants_images()).then(|| {
             "every touch has a recorded height map, so none is decoded; --decoder says by what the images are to be read"
                 .to_owned()
@@ -142,11 +159,12 @@ impl TouchDecoder {
         folder: &Path,
         more: bool,
     ) -> anyhow::Result<Option<Box<dyn TactileDecoder>>> {
-        file.warnings.extend(self.unused(&file.scene.touches));
+        let more = more && file.tactile_background.is_some();
+        file.warnings.extend(self.unused(&file.scene.touches, more));
         let Some(kind) = self.decoder.kind() else { return Ok(None) };
         file.scene.touches.iter_mut().for_each(|touch| self.drop_unwanted_maps(touch));
         let with_image = |touch: &Touch| touch.contact.is_none() && touch.image.is_some();
-        let needed = file.scene.touches.iter().any(with_image) || (more && file.tactile_background.is_some());
+        let needed = file.scene.touches.iter().any(with_image) || more;
         let Some(sensor) = file.scene.sensor.as_ref().filter(|_| needed) else { return Ok(None) };
         let background = file.tactile_background.clone().with_context(|| {
             format!(
@@ -162,6 +180,7 @@ impl TouchDecoder {
         }
         let calibrated = self.decoder == Source::Auto && files.calibration.is_some();
         let kind = if calibrated { DecoderKind::Calibrated } else { kind };
+        file.warnings.extend(self.files.idle(kind));
         make(kind, no_contact, sensor, &files).map(Some)
     }
 }

@@ -16,7 +16,8 @@ pub struct SceneAppender {
     touches: usize,
     /// Width and height of the sensor's images; `None` without a sensor.
     size: Option<[usize; 2]>,
-    has_background: bool,
+    /// The no-contact image of the sensor.
+    background: Option<PathBuf>,
     world_from_camera: Isometry,
 }
 
@@ -28,7 +29,7 @@ impl SceneAppender {
     pub fn open(folder: impl AsRef<Path>) -> Result<Self, IoError> {
         let folder = folder.as_ref().to_owned();
         let scene = parse(&folder)?.1;
-        let has_background = scene.sensor.as_ref().is_some_and(|s| s.background.is_some());
+        let background = scene.sensor.as_ref().and_then(|s| s.background.as_ref()).map(|file| folder.join(file));
         let size = scene.sensor.as_ref().map(|s| {
             let preset = TactileSensor::preset(&s.model).map_or([0, 0], |p| [p.width, p.height]);
             [s.width.unwrap_or(preset[0]), s.height.unwrap_or(preset[1])]
@@ -39,7 +40,7 @@ impl SceneAppender {
             reason: format!("[camera] world_from_camera: {reason}"),
         })?;
         let world_from_camera = pose.map_or_else(Isometry::identity, |p| p.0);
-        Ok(Self { folder, touches: scene.touches.len(), size, has_background, world_from_camera })
+        Ok(Self { folder, touches: scene.touches.len(), size, background, world_from_camera })
     }
 
     /// Where the scene's camera stands; the identity if nothing is said.
@@ -59,7 +60,12 @@ impl SceneAppender {
 
     /// Whether the scene has a no-contact image.
     pub fn has_background(&self) -> bool {
-        self.has_background
+        self.background.is_some()
+    }
+
+    /// The scene's no-contact image: what its images are decoded against.
+    pub fn background(&self) -> Option<&Path> {
+        self.background.as_deref()
     }
 
     /// Names the sensor of a scene that has none, with its no-contact image.
@@ -86,7 +92,7 @@ impl SceneAppender {
         }
         text.push_str("background = \"touches/background.png\"\n");
         self.append(&text)?;
-        (self.size, self.has_background) = (Some(size), true);
+        (self.size, self.background) = (Some(size), Some(self.folder.join("touches/background.png")));
         Ok(())
     }
 

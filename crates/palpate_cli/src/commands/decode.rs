@@ -1,7 +1,7 @@
-use crate::Outcome;
 use crate::decoders::{self, DecoderFiles, DecoderKind};
 use crate::progress::LateBar;
 use crate::video::{self, Frames};
+use crate::{Outcome, say};
 use anyhow::{Context as _, bail};
 use palpate::geometry::Raster;
 use palpate::io::{create_folder, read_color, read_sensor, write_color, write_height_map_npy, write_mask};
@@ -86,7 +86,9 @@ pub(crate) fn run(args: Args) -> anyhow::Result<Outcome> {
         files.calibration = Some(PathBuf::from(&args.sensor));
     }
     let usual = if files.calibration.is_some() { DecoderKind::Calibrated } else { DecoderKind::Compact };
-    let decoder = decoders::make(args.decoder.unwrap_or(usual), no_contact, &sensor, &files)?;
+    let kind = args.decoder.unwrap_or(usual);
+    args.files.idle(kind).iter().for_each(say::warn);
+    let decoder = decoders::make(kind, no_contact, &sensor, &files)?;
     create_folder(&args.output)?;
     let job = Job { decoder: &*decoder, sensor: &sensor, output: &args.output, picture: args.picture };
     let mut tally = Tally::default();

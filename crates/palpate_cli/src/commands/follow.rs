@@ -7,7 +7,7 @@ use anyhow::{Context as _, ensure};
 use palpate::io::{self, SceneChange, SceneFile, SceneFollower};
 use palpate::pipeline::{Followed, ReconstructParams, Session, Stages, Update, Warning};
 use palpate::tactile::{TactileDecoder, Touch};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 /// Time between two looks at the scene's file.
@@ -21,12 +21,16 @@ enum End {
     Rewritten(Box<SceneFile>),
 }
 
-/// * `output` – the mesh of the one scene
-pub(super) fn run(args: &Args, output: &Path, params: &ReconstructParams) -> anyhow::Result<Outcome> {
+/// * `output` – the mesh of the one scene, and its folder if that is to be made
+pub(super) fn run(
+    args: &Args,
+    (made, output): (Option<&PathBuf>, &Path),
+    params: &ReconstructParams,
+) -> anyhow::Result<Outcome> {
     let folder = &args.scenes[0];
     ensure!(args.settle >= 0.0, "--settle is {}; seconds ≥ 0 are needed, or inf", args.settle);
-    io::check_mesh_output(output)?;
     let (mut file, mut follower) = SceneFollower::open(folder)?;
+    made.map_or(Ok(()), io::create_folder)?;
     loop {
         // Which touches will come is not known.
         let decoder = args.decoder.of_scene(&mut file, folder, true)?;

@@ -1,6 +1,7 @@
 use crate::Outcome;
 use crate::decoders::TouchDecoder;
 use crate::progress::StageClock;
+use crate::targets::{Targets, one_name};
 use crate::{report, say};
 use anyhow::{Context as _, bail};
 use palpate::geometry::PointCloud;
@@ -99,9 +100,11 @@ pub(crate) fn run(args: Args) -> anyhow::Result<Outcome> {
     for job in &jobs {
         check_colors(&job.output, &params)?;
     }
+    // A wrong output path must not cost the user the run.
+    check_targets(&jobs, args.config.as_ref())?;
     if let [job] = &jobs[..] {
         if args.follow {
-            return super::follow::run(&args, &job.output, &params);
+            return super::follow::run(&args, (job.folder, &job.output), &params);
         }
         return reconstruct_one(job, &params, &args);
     }
@@ -125,27 +128,29 @@ pub(crate) fn run(args: Args) -> anyhow::Result<Outcome> {
 /// A scene and the files that are made of it.
 struct Job<'a> {
     scene: &'a Path,
+    /// Where the output lies, if that was given as a folder; made once the scene has been read.
+    folder: Option<&'a PathBuf>,
     output: PathBuf,
     report: Option<PathBuf>,
     keep: Option<PathBuf>,
 }
 
-/// One job a scene. Makes the output's folder where that is one.
+/// One job a scene.
 fn jobs<'a>(args: &'a Args) -> anyhow::Result<Vec<Job<'a>>> {
     let output = &args.output;
     let one = args.scenes.len() == 1;
     let is_folder = output.is_dir() || output.to_string_lossy().ends_with(std::path::is_separator);
     if one && !is_folder {
         let (report, keep) = (args.report.clone(), args.keep.clone());
-        return Ok(vec![Job { scene: &args.scenes[0], output: output.clone(), report, keep }]);
+        return Ok(vec![Job { scene: &args.scenes[0], folder: None, output: output.clone(), report, keep }]);
     }
     if !is_folder && output.extension().is_some_and(|e| ["ply", "obj", "stl", "glb"].contains(&&*e.to_string_lossy())) {
         bail!("{} scenes were given, so --output must be a folder, not '{}'", args.scenes.len(), output.display());
     }
     let names = scene_names(&args.scenes)?;
-    io::create_folder(output)?;
     let job = |(scene, name): (&'a PathBuf, &String)| Job {
         scene,
+        folder: Some(output),
         output: output.join(format!("{name}.ply")),
         report: args.report.as_ref().map(|r| if one { r.clone() } else { output.join(format!("{name}.json")) }),
         keep: args.keep.as_ref().map(|keep| if one { keep.clone() } else { keep.join(name) }),
@@ -167,7 +172,9 @@ fn scene_names(scenes: &[PathBuf]) -> anyhow::Result<Vec<String>> {
     let mut names: Vec<String> = Vec::with_capacity(scenes.len());
     for scene in scenes {
         let whole = scene.canonicalize().unwrap_or_else(|_| scene.clone());
-        let name = whole.file_name().with_context(|| format!("'{}' has no folder name", scene.display()))?;
+        let file = whole.is_file() || whole.ends_with("scene.toml");
+        let folder = if file { whole.parent().unwrap_or(&whole) } else { &whole };
+        let name = folder.file_name().with_context(|| format!("'{}' has no folder name", scene.display()))?;
         let name = name.to_string_lossy().into_owned();
         if names.contains(&name) {
             bail!("two scenes are called '{name}': their meshes would overwrite each other");
@@ -218,11 +225,12 @@ fn effective_params(args: &Args) -> anyhow::Result<ReconstructParams> {
 }
 
 fn reconstruct_one(job: &Job, params: &ReconstructParams, args: &Args) -> anyhow::Result<Outcome> {
-    // A wrong output path must not cost the user the run.
-    job.check()?;
     let clock = StageClock::start();
     clock.begin("read");
     let mut file = read_input(job.scene, params.seed)?;
+    for folder in job.folder.into_iter().chain(&job.keep) {
+        io::create_folder(folder)?;
+    }
     let decoder = args.decoder.of_scene(&mut file, job.scene, false)?;
     super::clean::warn_of_unused_pick(args.pick, &mut file);
     for warning in &file.warnings {
@@ -252,37 +260,48 @@ fn reconstruct_one(job: &Job, params: &ReconstructParams, args: &Args) -> anyhow
 /// Clouds that --keep writes.
 const STEPS: [&str; 5] = ["visible", "moved", "removed", "felt", "fused"];
 
+/// What belongs to a scene in its own folder, under names that are always the same.
+const OF_A_SCENE: [&str; 4] = ["scene.toml", "pose.txt", "sensor.toml", "truth.ply"];
+
+/// Sees that every file of every job can be written, none is written twice, and none is read.
+fn check_targets(jobs: &[Job], config: Option<&PathBuf>) -> anyhow::Result<()> {
+    let of_scene = |job: &Job| -> Vec<PathBuf> {
+        let folder = if job.scene.is_file() { job.scene.parent().unwrap_or(Path::new("")) } else { job.scene };
+        let files = OF_A_SCENE.iter().map(|name| folder.join(name)).filter(|path| path.is_file());
+        files.chain(job.scene.is_file().then(|| job.scene.to_owned())).collect()
+    };
+    let mut targets = Targets::keep(jobs.iter().flat_map(of_scene).chain(config.cloned()));
+    for job in jobs {
+        job.check(&mut targets)?;
+    }
+    Ok(())
+}
+
 impl Job<'_> {
-    /// Makes the folder of the steps, and sees that every file can be written and none is written twice.
-    fn check(&self) -> anyhow::Result<()> {
-        io::check_mesh_output(&self.output)?;
-        let mut taken = vec![("--output", place(&self.output))];
+    fn check(&self, targets: &mut Targets) -> anyhow::Result<()> {
+        let add = |targets: &mut Targets, path: &Path, flag: &str| match (&self.folder, path.file_name()) {
+            // Not made yet.
+            (Some(folder), Some(name)) if path.parent() == Some(folder.as_path()) => {
+                targets.files_in(folder, [(name.to_string_lossy(), flag)])
+            }
+            _ => targets.file(path, flag),
+        };
+        add(targets, &self.output, "--output")?;
+        if self.folder.is_none() {
+            io::check_mesh_output(&self.output)?;
+        }
         if let Some(report) = &self.report {
-            io::check_writable(report)?;
-            taken.push(("--report", place(report)));
+            add(targets, report, "--report")?;
         }
         if let Some(keep) = &self.keep {
-            io::create_folder(keep)?;
-            let files = STEPS.iter().chain(&["mesh"]).map(|name| keep.join(name).with_extension("ply"));
-            for file in files.chain([keep.join("params.toml")]) {
-                io::check_writable(&file)?;
-                taken.push(("--keep", place(&file)));
-            }
-        }
-        for (i, (flag, path)) in taken.iter().enumerate() {
-            if let Some((other, _)) = taken[..i].iter().find(|(_, earlier)| earlier == path) {
-                bail!("'{}' would be written by {other} and by {flag}", path.display());
-            }
+            let clouds = STEPS.iter().map(|name| format!("{name}.ply"));
+            // The mesh may be the output itself: it is the same.
+            let mesh = (one_name(&keep.join("mesh.ply")) != one_name(&self.output)).then(|| "mesh.ply".to_owned());
+            let files = clouds.chain(mesh).chain(["params.toml".to_owned()]);
+            targets.files_in(keep, files.map(|name| (name, "--keep")))?;
         }
         Ok(())
     }
-}
-
-/// A path that is the same however the folder is written.
-fn place(path: &Path) -> PathBuf {
-    let folder = path.parent().filter(|f| !f.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    let folder = folder.canonicalize().unwrap_or_else(|_| folder.to_owned());
-    path.file_name().map_or(folder.clone(), |name| folder.join(name))
 }
 
 /// A scene folder, or an object in the YCB-Sight layout (told by its `pose.txt`).

@@ -100,24 +100,40 @@ impl Job {
     }
 }
 
-/// Refuses to overwrite a scene; with `force` removes its touches, of which there may be more than will be made.
+/// Refuses to overwrite a scene; with `force` removes it and its touches, of which there may be more than will be made.
 fn make_room(folder: &Path, force: bool) -> anyhow::Result<()> {
-    if !["scene.toml", "pose.txt"].iter().any(|file| folder.join(file).exists()) {
+    let heads: Vec<PathBuf> =
+        ["scene.toml", "pose.txt"].map(|file| folder.join(file)).into_iter().filter(|path| path.exists()).collect();
+    if heads.is_empty() {
         return Ok(());
     }
     if !force {
         bail!("{}: there is already a scene here; --force makes it anew", folder.display());
     }
-    let Ok(touches) = std::fs::read_dir(folder.join("touches")) else { return Ok(()) };
-    for entry in touches {
-        let path = entry?.path();
-        let numbered = path.file_name().is_some_and(|n| n.as_encoded_bytes().first().is_some_and(u8::is_ascii_digit));
-        if numbered && path.is_file() {
-            std::fs::remove_file(&path).with_context(|| format!("removing {}", path.display()))?;
+    let remove = |path: &Path| std::fs::remove_file(path).with_context(|| format!("removing {}", path.display()));
+    // First: a scene that names touches which are gone is worse than none.
+    heads.iter().try_for_each(|path| remove(path))?;
+    for (part, digits, ends) in TOUCH_FILES {
+        let Ok(files) = std::fs::read_dir(folder.join(part)) else { continue };
+        for entry in files {
+            let path = entry?.path();
+            let name = path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
+            let number = ends.iter().find_map(|end| name.strip_suffix(end)).unwrap_or_default();
+            if number.len() >= digits && number.bytes().all(|b| b.is_ascii_digit()) && path.is_file() {
+                remove(&path)?;
+            }
         }
     }
     Ok(())
 }
+
+/// Files of touches: folder, digits of the number that a name begins with, and what follows it.
+const TOUCH_FILES: [(&str, usize, &[&str]); 4] = [
+    ("touches", 3, &["_height.npy", "_contact.png", ".png", ".jpg"]),
+    ("gelsight", 1, &[".jpg"]),
+    ("gt_height_map", 1, &[".npy"]),
+    ("gt_contact_mask", 1, &[".npy"]),
+];
 
 /// Quality of the tactile images: that of YCB-Sight.
 const JPEG_QUALITY: u8 = 95;
@@ -252,4 +268,29 @@ fn ycb_sight(
     write_mesh(folder.join("truth.ply"), mesh)?;
     let found = made.touches.len();
     Ok((found < 60).then(|| format!("{name}: {found} touches of 60; no other place can be pressed")))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn room_is_made_by_removing_touches_and_nothing_else() {
+        let touches = ["touches/000_height.npy", "touches/1000_contact.png", "touches/002.jpg", "gelsight/99.jpg"];
+        let maps = ["gt_height_map/0.npy", "gt_contact_mask/61.npy"];
+        let others = ["touches/2024_notes.txt", "touches/000_notes.png", "touches/7.png", "gelsight/a.jpg", "7.npy"];
+        for head in ["scene.toml", "pose.txt"] {
+            let folder = tempfile::tempdir().expect("a folder");
+            let at = |name: &str| folder.path().join(name);
+            for name in touches.iter().chain(&maps).chain(&others).chain(&[head]) {
+                std::fs::create_dir_all(at(name).parent().expect("a folder")).expect("made");
+                std::fs::write(at(name), "").expect("written");
+            }
+            make_room(folder.path(), false).expect_err("there is a scene");
+            assert!(at(head).exists() && at(touches[0]).exists());
+            make_room(folder.path(), true).expect("removed");
+            assert!(touches.iter().chain(&maps).chain(&[head]).all(|name| !at(name).exists()));
+            assert!(others.iter().all(|name| at(name).exists()));
+        }
+    }
 }

@@ -191,6 +191,22 @@ fn nothing_that_is_read_is_overwritten() {
 }
 
 #[test]
+fn what_an_earlier_run_wrote_into_the_pictures_folder_is_no_picture() {
+    let bench = Bench::new();
+    six_views(&bench, "a");
+    let coverage = bench.path("a/coverage.png");
+    let flags = ["--fix", "distortion", "--coverage", &coverage];
+    bench.camera_with("5x4", &["a"], &flags).expect(0, &["camera.toml: 6 views"]);
+    let camera = bench.path("camera.toml");
+    let again = [&flags[..], &["--start", &camera]].concat();
+    bench.camera_with("5x4", &["a"], &again).expect(0, &["camera.toml: 6 views"]);
+    // Named, it is one.
+    bench.camera_with("5x4", &["a", "a/coverage.png"], &flags).expect(1, &["--coverage would overwrite"]);
+    let into = bench.path("a");
+    bench.camera_with("5x4", &["a"], &["--undistort", &into]).expect(1, &["would overwrite", "0.png, which is read"]);
+}
+
+#[test]
 fn infrared_pictures_stay_infrared_without_distortion() {
     use palpate::io::{read_depth_png, write_depth_png};
     let bench = Bench::new();
@@ -440,6 +456,17 @@ fn a_sensor_does_not_overwrite_what_it_is_made_of() {
     said.expect(1, &["the background beside --output would overwrite", "sensor_background.png, which is read"]);
     assert_eq!(std::fs::read(bench.path("sensor_background.png")).expect("there"), before);
     assert!(!bench.exists("sensor.toml"));
+    // In a folder of presses it is of an earlier run.
+    std::fs::create_dir(bench.path("presses")).expect("made");
+    for (i, place) in PLACES.into_iter().enumerate() {
+        bench.put(&format!("presses/{i}.png"), &press(place));
+    }
+    let (folder, background, output) = (bench.path("presses"), bench.path("bg.png"), bench.path("presses/sensor.toml"));
+    let args = ["calibrate", "gel", &folder, "--background", &background, "--output", &output];
+    for _ in 0..2 {
+        palpate(args.iter().chain(&flags)).expect(0, &["each press by the others: 6 presses"]);
+        assert!(bench.exists("presses/sensor_background.png"));
+    }
 }
 
 #[test]

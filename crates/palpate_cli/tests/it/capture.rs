@@ -123,6 +123,32 @@ fn frames_of_another_order_than_the_sensors_are_refused_as_by_decode() {
 }
 
 #[test]
+fn frames_are_compared_with_what_they_will_be_decoded_against() {
+    let shop = Workshop::new();
+    record(&shop.path("frames"), 1);
+    let (frames, gel) = (shop.text("frames"), sensor(shop.path("s").parent().expect("a folder")));
+    let run = |more: &[&str]| capture(&shop, &[&["--frames", &frames, "--pose", "-"], more].concat(), FIRST);
+    // Another light, which neither a gain nor an offset explains.
+    let lamp = Raster::from_fn(240, 320, |r, c| {
+        let [red, green, blue] = frame(0.0)[(r, c)];
+        if c < 160 { [red + 90, green, blue] } else { [red, green, blue + 90] }
+    });
+    write_color(shop.path("bg.png"), &lamp).expect("written");
+    // The scene has no no-contact image: that of the sensor is only like it.
+    let doubt = "palpate: warning: the background of the first frames: against the no-contact image of ";
+    run(&["--sensor", &gel]).expect(0, &[doubt, "1 touches added, 3 in all"]);
+    // With its own the sensor's light does not matter.
+    write_color(shop.path("s/rest.png"), &frame(0.0)).expect("written");
+    shop.edit("model = \"gelsight-mini\"\n", "model = \"gelsight-mini\"\nbackground = \"rest.png\"\n");
+    let said = run(&["--sensor", &gel]);
+    said.expect(0, &["1 touches added, 4 in all"]);
+    assert!(!said.err.contains("warning"), "{}", said.err);
+    // Its own does.
+    write_color(shop.path("s/rest.png"), &lamp).expect("written");
+    run(&[]).expect(1, &["rest.png", "levels off the no-contact image"]);
+}
+
+#[test]
 fn a_pose_in_millimetres_is_no_pose() {
     let shop = Workshop::new();
     record(&shop.path("frames"), 2);

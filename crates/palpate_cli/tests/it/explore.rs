@@ -39,6 +39,8 @@ fn touches_that_are_images_alone_are_decoded() {
     let plan = shop.text("plan.toml");
     palpate(["next-touch", &scene, "--candidates", "10", "--config", &plan]).expect(0, &["rank"]);
     palpate(["symmetry", &scene]).expect(0, &["2 touches"]);
+    let idle = "palpate: warning: --lookup-table is not used: the decoder is 'compact'";
+    palpate(["symmetry", &scene, "--lookup-table", "simulated"]).expect(0, &[idle]);
     for command in ["next-touch", "symmetry"] {
         palpate([command, &scene, "--decoder", "recorded"]).expect(1, &["touch 0"]);
         palpate([command, &scene, "--decoder", "lookup"]).expect(1, &["needs --lookup-table"]);
@@ -64,7 +66,9 @@ fn the_plan_file_counts_and_flags_win_over_it() {
     let from_file = list(&[]);
     assert_eq!(touches(&from_file), 2);
     assert_eq!(touches(&list(&["--count", "1"])), 1);
-    assert_ne!(list(&["--seed", "4", "--candidates", "14"]), from_file);
+    assert_ne!(list(&["--seed", "4"]), from_file);
+    shop.put("plan.toml", &[&b"count = 2\ncandidates = 15\nseed = 4\n"[..], COARSE].concat());
+    assert_ne!(list(&[]), from_file, "the file's seed counts");
     shop.put("plan.toml", b"sensor = \"gelsite\"\ncandidates = 15\n");
     palpate(["explore", "primitive:cube", "--output", &shop.text("out"), "--config", &plan]).expect(1, &["'gelsite'"]);
 }
@@ -132,6 +136,21 @@ fn explore_writes_errors_a_table_and_a_plot_and_goes_on_where_it_stopped() {
     assert!(svg.contains("next-best"));
     shop.put("plan.toml", b"[reconstruct.implicit]\nspacing = 0.006\ndense_cells = 8000\n");
     run("even").expect(1, &["other parameters"]);
+}
+
+#[test]
+fn the_plan_of_explore_gives_the_seed_and_not_the_number_of_candidates() {
+    let shop = Workshop::new();
+    let (out, plan) = (shop.text("out"), shop.text("plan.toml"));
+    let args =
+        ["explore", "primitive:cube", "--touches", "1", "--policy", "random", "--config", &plan, "--output", &out];
+    for (keys, seed) in [("candidates = 200\ncount = 3\nseed = 7\n", "7"), ("seed = 8\n", "8")] {
+        shop.put("plan.toml", &[keys.as_bytes(), COARSE].concat());
+        palpate(args).expect(0, &["| random | 1 |"]);
+        let rows = std::fs::read_to_string(shop.path("out/errors.csv")).expect("written");
+        assert!(rows.lines().next().is_some_and(|l| l.contains("\"candidates\":20,")), "{rows}");
+        assert!(rows.contains(&format!("cube,0,{seed},random,1,1,")), "{rows}");
+    }
 }
 
 #[test]

@@ -100,14 +100,26 @@ fn outputs_that_cannot_be_written_are_said_before_the_work() {
 #[test]
 fn a_file_is_written_once_or_not_at_all() {
     let shop = Workshop::detailed();
-    reconstruct(&shop, &["--report", &shop.text("out.ply")]).expect(1, &["out.ply", "by --output and by --report"]);
+    reconstruct(&shop, &["--report", &shop.text("out.ply")])
+        .expect(1, &["out.ply", "--output and --report would both be"]);
     std::fs::create_dir_all(shop.path("steps/felt.ply")).expect("made");
     reconstruct(&shop, &["--keep", &shop.text("steps")]).expect(1, &["felt.ply", "folder"]);
     assert!(!shop.path("out.ply").exists(), "no mesh of a run that failed");
     let (scene, inside) = (shop.text("s"), shop.text("kept/visible.ply"));
     std::fs::create_dir(shop.path("kept")).expect("made");
     let args = ["reconstruct", &scene, "--output", &inside, "--keep", &shop.text("kept")];
-    palpate(args).expect(1, &["visible.ply", "by --output and by --keep"]);
+    palpate(args).expect(1, &["visible.ply", "--output and --keep would both be"]);
+    // The mesh of --keep is the output.
+    let (config, mesh) = (shop.text("coarse.toml"), shop.text("kept/mesh.ply"));
+    let args = ["reconstruct", &scene, "--output", &mesh, "--keep", &shop.text("kept"), "--config", &config];
+    palpate(args).expect(0, &["kept/mesh.ply"]);
+    // What is read stays.
+    let own = shop.text("s/scene.toml");
+    reconstruct(&shop, &["--report", &own]).expect(1, &["--report would overwrite", "scene.toml, which is read"]);
+    reconstruct(&shop, &["--report", &config]).expect(1, &["--report would overwrite", "coarse.toml, which is read"]);
+    let params = shop.text("kept/params.toml");
+    let args = ["reconstruct", &scene, "--output", &mesh, "--keep", &shop.text("kept"), "--config", &params];
+    palpate(args).expect(1, &["--keep would overwrite", "params.toml, which is read"]);
 }
 
 #[test]
@@ -122,6 +134,12 @@ fn one_scene_into_a_folder() {
     }
     palpate(["reconstruct", &scene, &scene, "--output", &shop.text("none")]).expect(1, &["two scenes are called 's'"]);
     assert!(!shop.path("none").exists(), "a refused run leaves no folder");
+    let (file, output) = (shop.text("s/scene.toml"), format!("{}/", shop.text("of_a_file")));
+    palpate(["reconstruct", &file, "--output", &output, "--config", &config]).expect(0, &["s.ply"]);
+    assert!(shop.path("of_a_file/s.ply").is_file());
+    let (lost, output) = (shop.text("lost"), format!("{}/", shop.text("none")));
+    palpate(["reconstruct", &lost, "--output", &output, "--keep", &output]).expect(1, &["lost"]);
+    assert!(!shop.path("none").exists(), "nor does a scene that cannot be read");
 }
 
 #[test]

@@ -199,26 +199,26 @@ impl Fitter {
 }
 
 impl GelCalibration {
-    /// How true this calibration is on other presses of a ball. Also those that cannot be used, by their place in the list, and why; a
-    /// press that was calibrated with is one of them.
+    /// How true this calibration is on other presses of a ball. Also those that cannot be measured on, by their place in the list, and
+    /// why; a press that was calibrated with is one of them, and one that decodes to no sphere.
     ///
     /// # Errors
-    /// As [`GelDecoder::new`]; [`GelError::NothingToMeasure`] if none can be used.
+    /// As [`GelDecoder::new`]; [`GelError::NothingToMeasure`] if none can be measured on.
     pub fn measure(&self, presses: &[(Raster<[u8; 3]>, f64)]) -> Result<(Quality, Vec<(usize, PressFault)>), GelError> {
         let no_contact = NoContact::new(prepared(&self.background, self.markers), &self.sensor)?;
         let dots = self.markers.then(|| markers(&self.background));
         let decoder = self.decoder()?;
-        let one = |(image, radius): &(Raster<[u8; 3]>, f64)| -> Result<Option<PressQuality>, PressFault> {
+        let one = |(image, radius): &(Raster<[u8; 3]>, f64)| -> Result<PressQuality, PressFault> {
             let press = find_press(image, &no_contact, dots.as_ref(), *radius, self.sensor.pixel_pitch)?;
             if let Some(i) = self.presses.iter().position(|own| press.repeats(own)) {
                 return Err(PressFault::CalibratedWith { of: self.used[i] });
             }
-            Ok(PressQuality::of(&decoder.decode(image, &self.sensor)?, &press, &self.sensor))
+            PressQuality::of(&decoder.decode(image, &self.sensor)?, &press, &self.sensor).ok_or(PressFault::NoSphere)
         };
         let (mut measured, mut left_out) = (Vec::new(), Vec::new());
         for (i, found) in presses.par_iter().map(one).collect::<Vec<_>>().into_iter().enumerate() {
             match found {
-                Ok(quality) => measured.push(quality),
+                Ok(quality) => measured.push(Some(quality)),
                 Err(fault) => left_out.push((i, fault)),
             }
         }

@@ -65,6 +65,9 @@ pub enum PressFault {
         /// Which of the presses of the calibration, by its place in the list.
         of: usize,
     },
+    /// What is decoded of a press to measure on has no curvature.
+    #[error("no sphere could be fitted to what is decoded of it: nothing can be measured on it")]
+    NoSphere,
     /// The contact is wider than the ball.
     #[error(
         "the contact circle has a radius of {found:.3} mm, the ball only {ball:.3} mm: the ball's radius (metres, not the diameter) or \

@@ -1,6 +1,7 @@
 //! Boards in images: the flags that describe them, and the search through many images.
 
 use crate::progress::LateBar;
+use crate::targets::one_name;
 use anyhow::{Context as _, bail};
 use palpate::calibrate::camera::{Board, BoardSearch, BoardView, find_board};
 use palpate::geometry::Isometry;
@@ -62,7 +63,10 @@ pub(crate) struct Search {
 }
 
 /// Images of folders, files as they are given; sorted within a folder.
-pub(crate) fn images(inputs: &[PathBuf]) -> anyhow::Result<Vec<PathBuf>> {
+///
+/// * `own` – what the command writes: in a folder it is of an earlier run, and no input
+pub(crate) fn images(inputs: &[PathBuf], own: &[&Path]) -> anyhow::Result<Vec<PathBuf>> {
+    let own: Vec<PathBuf> = own.iter().map(|path| one_name(path)).collect();
     let mut all = Vec::new();
     for input in inputs {
         if !input.is_dir() {
@@ -74,7 +78,8 @@ pub(crate) fn images(inputs: &[PathBuf]) -> anyhow::Result<Vec<PathBuf>> {
         for entry in entries {
             let path = entry.with_context(|| format!("reading the folder {}", input.display()))?.path();
             let extension = path.extension().map(|e| e.to_string_lossy().to_lowercase());
-            if extension.is_some_and(|e| ["png", "jpg", "jpeg"].contains(&e.as_str())) {
+            let image = extension.is_some_and(|e| ["png", "jpg", "jpeg"].contains(&e.as_str()));
+            if image && !own.contains(&one_name(&path)) {
                 all.push(path);
             }
         }
@@ -88,7 +93,7 @@ pub(crate) fn images(inputs: &[PathBuf]) -> anyhow::Result<Vec<PathBuf>> {
 
 /// The images of one folder.
 pub(crate) fn images_of(folder: &Path) -> anyhow::Result<Vec<PathBuf>> {
-    images(&[folder.to_owned()])
+    images(&[folder.to_owned()], &[])
 }
 
 /// Looks for the board in every image. All images must have one size; an image without a board is no error here.

@@ -38,7 +38,7 @@ pub(crate) struct Args {
     /// Parameters to keep: aspect (fx = fy), centre, focal, k1, k2, tangential (p1, p2), k3, distortion (all five)
     #[arg(long, value_enum, value_delimiter = ',', value_name = "NAME")]
     fix: Vec<Fix>,
-    /// A camera to start from; parameters of --fix keep its values, and not 0
+    /// A camera to start from, may be the one of --output; parameters of --fix keep its values, and not 0
     #[arg(long, value_name = "TOML")]
     start: Option<PathBuf>,
     /// Leave out pictures that fit over three times worse than the usual one
@@ -47,7 +47,7 @@ pub(crate) struct Args {
     /// Write the pictures without distortion into this folder, as PNG of their names; 16-bit grey stays so
     #[arg(long, value_name = "DIR")]
     undistort: Option<PathBuf>,
-    /// Draw where in the image the corners fell
+    /// Draw where in the image the corners fell; no picture of the board where it lies in a folder of them
     #[arg(long, value_name = "PNG")]
     coverage: Option<PathBuf>,
     /// One JSON object on standard output
@@ -84,7 +84,9 @@ fn fixed(names: &[Fix]) -> Fixed {
 
 pub(crate) fn run(args: Args) -> anyhow::Result<Outcome> {
     let board = args.board.board()?;
-    let images = boards::images(&args.images)?;
+    let own: Vec<&Path> =
+        [Some(&args.output), args.coverage.as_ref()].into_iter().flatten().map(PathBuf::as_path).collect();
+    let images = boards::images(&args.images, &own)?;
     check_targets(&args, &images)?;
     let start = args.start.as_ref().map(read_camera).transpose()?;
     let search = boards::search(&images, &args.board)?;
@@ -150,9 +152,9 @@ fn warn(result: &CameraCalibration) -> bool {
     poor || result.kept_k3
 }
 
-/// Nothing that is read is overwritten, and all that is asked for can be written.
+/// No picture is overwritten, and all that is asked for can be written. The camera to start from is read before.
 fn check_targets(args: &Args, images: &[PathBuf]) -> anyhow::Result<()> {
-    let mut targets = Targets::keep(images.iter().chain(&args.start));
+    let mut targets = Targets::keep(images);
     targets.file(&args.output, "--output")?;
     if let Some(path) = &args.coverage {
         targets.file(path, "--coverage")?;

@@ -47,7 +47,7 @@ pub(crate) struct Args {
 
 pub(crate) fn run(args: Args) -> anyhow::Result<Outcome> {
     let board = args.board.board()?;
-    let paths = [boards::images(&args.depth)?, boards::images(&args.color)?];
+    let paths = [boards::images(&args.depth, &[])?, boards::images(&args.color, &[])?];
     let inputs = paths.iter().flatten().chain([&args.depth_camera, &args.color_camera]);
     Targets::keep(inputs).file(&args.output, "--output")?;
     let cameras = [read_camera(&args.depth_camera)?.camera, read_camera(&args.color_camera)?.camera];

@@ -30,7 +30,7 @@ sensor.toml (with its background beside it) is what `palpate decode --sensor` an
 Good: radius within 5 %, residual under 10 % of the cap. Exit status 1: no calibration; 3: some presses were left out (of the calibration or of
 --held-out; a press that repeats another is), or the result is poor.")]
 pub(crate) struct Args {
-    /// Images of presses of a ball, or folders of them
+    /// Images of presses of a ball, or folders of them; what an earlier run wrote there is no press
     #[arg(required = true, value_name = "PRESS")]
     presses: Vec<PathBuf>,
     /// Radius of the ball, metres; or one for each press
@@ -82,8 +82,10 @@ enum Map {
 }
 
 pub(crate) fn run(args: Args) -> anyhow::Result<Outcome> {
-    let paths = images(&args.presses)?;
-    let held_out_paths = images(&args.held_out)?;
+    let beside = beside(&args.output, "background.png");
+    let own = [args.output.as_path(), &beside];
+    let paths = images(&args.presses, &own)?;
+    let held_out_paths = images(&args.held_out, &own)?;
     check_targets(&args, paths.iter().chain(&held_out_paths))?;
     let background = read_color(&args.background)?;
     let presses = read_presses(&paths, &args.ball_radius)?;
@@ -165,11 +167,15 @@ fn reason(fault: &PressFault, calibrated: &[PathBuf]) -> String {
     }
 }
 
+/// A file that belongs to a sensor: `sensor_background.png` to `sensor.toml`.
+fn beside(sensor: &Path, end: &str) -> PathBuf {
+    let stem = sensor.file_stem().map_or_else(|| "sensor".into(), |s| s.to_string_lossy());
+    sensor.with_file_name(format!("{stem}_{end}"))
+}
+
 /// Nothing that is read is overwritten, and all that belongs to a sensor can be written.
 fn check_targets<'a>(args: &'a Args, images: impl Iterator<Item = &'a PathBuf>) -> anyhow::Result<()> {
-    let stem = args.output.file_stem().map_or_else(|| "sensor".into(), |s| s.to_string_lossy());
-    let beside = |end: &str| args.output.with_file_name(format!("{stem}_{end}"));
-    let (background, table) = (beside("background.png"), beside("table"));
+    let (background, table) = (beside(&args.output, "background.png"), beside(&args.output, "table"));
     let mut inputs: Vec<PathBuf> = images.chain(&args.ruler).cloned().collect();
     inputs.extend(args.apart.iter().take(2).map(PathBuf::from));
     // A calibration anew with its own background writes it as it was.

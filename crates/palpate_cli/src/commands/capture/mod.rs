@@ -3,7 +3,7 @@
 mod frames;
 mod pose_source;
 
-use crate::Outcome;
+use crate::{Outcome, say};
 use anyhow::{Context as _, bail, ensure};
 use clap::Subcommand;
 use frames::{Frame, FrameSource};
@@ -11,7 +11,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 use palpate::capture::{ContactWatcher, WatchParams, Watched};
 use palpate::geometry::{Isometry, Raster};
 use palpate::io::{self, SceneAppender, SensorFile, read_color, read_sensor};
-use palpate::tactile::{self, NoContact, TactileSensor, fill_markers};
+use palpate::tactile::{self, DecodeError, NoContact, RelaxedGel, TactileSensor, fill_markers};
 use pose_source::PoseSource;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
@@ -40,7 +40,8 @@ it has been still for five frames; lift off before the next. The device may be u
 (palpate listens; the last line counts, for one touch: a robot that sends its pose once sends it anew for each). A pose is one line: seven numbers x y z qx qy qz qw, metres, or JSON
 {\"translation\": [x, y, z], \"quaternion_xyzw\": [x, y, z, w]}. It is the sensor's; with --hand-eye it is the hand's.
 
-Devices and videos are read through the program `ffmpeg`. The background of the first frames must look like the no-contact image of the sensor.toml, as for `palpate decode`. A pose over 10 m from the
+Devices and videos are read through the program `ffmpeg`. The background of the first frames must look like the scene's no-contact image, as for `palpate decode`; where the
+scene has none it must have the size and colours of that of the sensor.toml, and another light is a warning. A pose over 10 m from the
 camera is none: metres are needed.
 
 Exit status 3: a contact was lost because it had no pose, or none settled.")]
@@ -105,14 +106,14 @@ fn touch(args: &TouchArgs) -> anyhow::Result<Outcome> {
     // Without another the touches will be decoded with the calibration that lies in the scene.
     let own = args.output.join("sensor.toml");
     let used = calibration.or((args.sensor.is_none() && own.is_file()).then_some(&own));
-    let (calibrated, reference) = match used {
-        Some(path) => {
-            let file = read_sensor(path)?;
-            let reference = Reference::new(&file, path)?;
-            (Some(file.sensor), Some(reference))
-        }
-        None => (None, None),
+    let file = used.map(read_sensor).transpose()?;
+    let reference = match (scene.background(), used, &file) {
+        // Touches will be decoded against it, whatever the calibration.
+        (Some(path), _, _) => Some(Reference::of_scene(path, file.as_ref().is_some_and(|f| f.markers))?),
+        (None, Some(path), Some(file)) => Some(Reference::of_sensor(file, path)?),
+        _ => None,
     };
+    let calibrated = file.map(|f| f.sensor);
     let sensor = match (calibration, &args.sensor) {
         (Some(_), _) => calibrated,
         (None, Some(name)) => Some(TactileSensor::preset(name)?),
@@ -138,25 +139,49 @@ fn touch(args: &TouchArgs) -> anyhow::Result<Outcome> {
     session.run(source)
 }
 
-/// The no-contact image of the calibration with which the touches will be decoded.
+/// The no-contact image with which frames are compared.
 struct Reference {
     no_contact: NoContact,
     markers: bool,
     path: PathBuf,
+    /// Whether touches will be decoded against it; else against another of the same sensor, perhaps in another light.
+    decisive: bool,
 }
 
 impl Reference {
-    fn new(file: &SensorFile, path: &Path) -> anyhow::Result<Self> {
-        let image = without_markers(&file.background, file.markers);
-        let no_contact = NoContact::new(image, &file.sensor).with_context(|| path.display().to_string())?;
-        Ok(Self { no_contact, markers: file.markers, path: path.to_owned() })
+    /// The no-contact image that the scene has.
+    fn of_scene(path: &Path, markers: bool) -> anyhow::Result<Self> {
+        let image = without_markers(&read_color(path)?, markers);
+        let sensor = TactileSensor {
+            model: "custom".to_owned(),
+            width: image.cols(),
+            height: image.rows(),
+            // Not looked at where only images are.
+            pixel_pitch: 5e-5,
+            relaxed_gel: RelaxedGel::Flat,
+        };
+        let no_contact = NoContact::new(image, &sensor).with_context(|| path.display().to_string())?;
+        Ok(Self { no_contact, markers, path: path.to_owned(), decisive: true })
     }
 
-    /// The check that decoding makes of an image: size, colours, order of the channels, light.
-    fn check(&self, image: &Raster<[u8; 3]>) -> anyhow::Result<()> {
+    /// That of the calibration, where the scene has none.
+    fn of_sensor(file: &SensorFile, path: &Path) -> anyhow::Result<Self> {
+        let image = without_markers(&file.background, file.markers);
+        let no_contact = NoContact::new(image, &file.sensor).with_context(|| path.display().to_string())?;
+        Ok(Self { no_contact, markers: file.markers, path: path.to_owned(), decisive: false })
+    }
+
+    /// The check that decoding makes of an image: size, colours, order of the channels, light. Returns a doubt about the light.
+    ///
+    /// * `what` – the image, in messages
+    fn check(&self, image: &Raster<[u8; 3]>, what: &str) -> anyhow::Result<Option<String>> {
         let image = without_markers(image, self.markers);
-        let checked = self.no_contact.difference(&image);
-        checked.map(drop).with_context(|| format!("against the no-contact image of {}", self.path.display()))
+        let against = format!("{what}: against the no-contact image of {}", self.path.display());
+        match self.no_contact.difference(&image) {
+            Ok(_) => Ok(None),
+            Err(error @ DecodeError::OtherLight { .. }) if !self.decisive => Ok(Some(format!("{against}: {error}"))),
+            Err(error) => Err(error).context(against),
+        }
     }
 }
 
@@ -255,9 +280,12 @@ impl Session<'_> {
         if let Some(background) = self.watcher.background()
             && let Some(reference) = self.reference.take()
         {
-            reference.check(&background).context("the background of the first frames")?;
+            let mut doubt = reference.check(&background, "the background of the first frames")?;
             // A background of a file says nothing about the frames.
-            reference.check(image).context("a frame")?;
+            doubt = doubt.or(reference.check(image, "a frame")?);
+            if let Some(doubt) = doubt {
+                self.view.say(&say::warning(doubt));
+            }
         }
         self.view.frame(watched);
         if watched != Watched::Settled {

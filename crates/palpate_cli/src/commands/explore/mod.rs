@@ -11,7 +11,7 @@ use crate::progress::LateBar;
 use crate::say;
 use anyhow::{Context as _, bail, ensure};
 use clap::ValueEnum;
-use palpate::explore::{ExploreParams, Policy, Step, Trial};
+use palpate::explore::{ExploreParams, NextTouchParams, Policy, Step, Trial};
 use palpate::geometry::TriangleMesh;
 use rayon::prelude::*;
 use results::{Key, Results};
@@ -41,10 +41,11 @@ pub(crate) struct Args {
     /// The view, as in `simulate`
     #[arg(long, default_value_t = 0, value_name = "K")]
     view: usize,
-    /// Seeds of the view and of the candidates, one run each
-    #[arg(long, value_delimiter = ',', default_values_t = [0], value_name = "N,…")]
+    /// Seeds of the view and of the candidates, one run each [default: the plan's, 0]
+    #[arg(long, value_delimiter = ',', value_name = "N,…")]
     seed: Vec<u64>,
-    /// Reachable poses offered at each step, the same number for every policy [default: 20]
+    /// Reachable poses offered at each step, the same number for every policy; the plan's `candidates` is for one list and not used
+    /// [default: 20]
     #[arg(long, value_name = "N")]
     candidates: Option<usize>,
     /// Sensor: ycb-sight, gelsight-r15, gelsight-mini, digit [default: ycb-sight]
@@ -53,7 +54,8 @@ pub(crate) struct Args {
     /// What the arm can reach (TOML)
     #[arg(long, value_name = "FILE")]
     reach: Option<PathBuf>,
-    /// Parameters of the plan and the reconstruction (TOML); `palpate config --plan` prints all of them. Flags win over the file
+    /// Parameters of the plan and the reconstruction (TOML); `palpate config --plan` prints all of them. Flags win over the file; its
+    /// `candidates` and `count` are those of `next-touch`
     #[arg(long, value_name = "FILE")]
     config: Option<PathBuf>,
     /// Folder for errors.csv, summary.md and touches.svg
@@ -91,7 +93,7 @@ struct Job<'a> {
     seed: u64,
 }
 
-pub(crate) fn run(args: Args) -> anyhow::Result<Outcome> {
+pub(crate) fn run(mut args: Args) -> anyhow::Result<Outcome> {
     ensure!(args.touches > 0, "--touches is 0; at least 1 touch must be made");
     let objects: Vec<(String, TriangleMesh)> = args.meshes.iter().map(|m| load(m)).collect::<Result<_, _>>()?;
     for (i, (name, _)) in objects.iter().enumerate() {
@@ -100,12 +102,13 @@ pub(crate) fn run(args: Args) -> anyhow::Result<Outcome> {
         }
     }
     let mut base = ExploreParams { touches: args.touches, view: args.view, ..ExploreParams::default() };
-    let candidates = base.plan.candidates;
-    base.plan = read_plan(args.config.as_ref())?;
-    if !sets_candidates(args.config.as_ref())? {
-        base.plan.candidates = candidates;
+    let plan = read_plan(args.config.as_ref())?;
+    if args.seed.is_empty() {
+        args.seed.push(plan.seed);
     }
-    base.plan.candidates = args.candidates.unwrap_or(base.plan.candidates);
+    // Number and seed of one list are none of a loop: a run with another seed goes on in the same folder.
+    let NextTouchParams { count, seed, .. } = NextTouchParams::default();
+    base.plan = NextTouchParams { candidates: args.candidates.unwrap_or(base.plan.candidates), count, seed, ..plan };
     if let Some(sensor) = &args.sensor {
         base.plan.sensor.clone_from(sensor);
     }
@@ -140,13 +143,6 @@ pub(crate) fn run(args: Args) -> anyhow::Result<Outcome> {
         return Ok(Outcome::Degraded);
     }
     Ok(Outcome::Done)
-}
-
-/// Whether a plan says how many candidates there are: its default is for one list, not for each step of a loop.
-fn sets_candidates(plan: Option<&PathBuf>) -> anyhow::Result<bool> {
-    let Some(path) = plan else { return Ok(false) };
-    let table: toml::Table = toml::from_str(&palpate::io::read_text(path)?)?;
-    Ok(table.contains_key("candidates"))
 }
 
 fn jobs<'a>(args: &Args, objects: &'a [(String, TriangleMesh)]) -> Vec<Job<'a>> {
