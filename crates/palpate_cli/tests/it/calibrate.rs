@@ -200,6 +200,10 @@ fn what_an_earlier_run_wrote_into_the_pictures_folder_is_no_picture() {
     let camera = bench.path("camera.toml");
     let again = [&flags[..], &["--start", &camera]].concat();
     bench.camera_with("5x4", &["a"], &again).expect(0, &["camera.toml: 6 views"]);
+    // A board's picture stays one, though its folder alone was named.
+    let board = bench.path("a/0.png");
+    let flags_0 = ["--fix", "distortion", "--coverage", &board];
+    bench.camera_with("5x4", &["a"], &flags_0).expect(1, &["--coverage would overwrite", "0.png, which is read"]);
     // Named, it is one.
     bench.camera_with("5x4", &["a", "a/coverage.png"], &flags).expect(1, &["--coverage would overwrite"]);
     let into = bench.path("a");

@@ -84,8 +84,9 @@ fn fixed(names: &[Fix]) -> Fixed {
 
 pub(crate) fn run(args: Args) -> anyhow::Result<Outcome> {
     let board = args.board.board()?;
-    let own: Vec<&Path> =
-        [Some(&args.output), args.coverage.as_ref()].into_iter().flatten().map(PathBuf::as_path).collect();
+    // An earlier run's picture in the folder of the boards; another name would be a board's.
+    let of_coverage = |p: &&Path| p.file_stem().is_some_and(|stem| stem.to_string_lossy().contains("coverage"));
+    let own: Vec<&Path> = args.coverage.as_deref().filter(of_coverage).into_iter().collect();
     let images = boards::images(&args.images, &own)?;
     check_targets(&args, &images)?;
     let start = args.start.as_ref().map(read_camera).transpose()?;
