@@ -136,14 +136,13 @@ impl Tree {
                 }
             }
         };
-        match &search.equal {
-            Some(span) => take(span.clone()),
-            None => {
-                // What the leaf's farthest point needs, this one may not.
-                let own = Aabb { min: p, max: p };
-                let near = search.leaves.iter().map(|&n| &self.nodes[n]).filter(|n| gap(&own, &n.bounds) <= reach);
-                near.for_each(|n| take(n.points.clone()));
-            }
+        if let Some(span) = &search.equal {
+            take(span.clone());
+        } else {
+            // What the leaf's farthest point needs, this one may not.
+            let own = Aabb { min: p, max: p };
+            let near = search.leaves.iter().map(|&n| &self.nodes[n]).filter(|n| gap(&own, &n.bounds) <= reach);
+            near.for_each(|n| take(n.points.clone()));
         }
         if found.len() > self.count {
             found.select_nth_unstable_by(self.count - 1, |a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
