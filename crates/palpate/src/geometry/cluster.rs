@@ -1,4 +1,5 @@
-use super::{Point, map_nearest};
+use super::{KdTree, Point};
+use rayon::prelude::*;
 use std::collections::HashMap;
 
 /// Disjoint sets of 0..n with path halving; the smallest member represents a set, so results do not depend on the order of unions.
@@ -101,14 +102,19 @@ pub fn cluster_sizes(labels: &[u32]) -> Vec<usize> {
 }
 
 /// True for points whose mean distance to their `neighbours` nearest lies more than `ratio` standard deviations above the
-/// average over all points.
+/// average over all points. Points must be finite.
 ///
 /// # References
 /// Rusu et al., *Towards 3D point cloud based object maps for household environments*, RAS 56(11), 2008, §4.1.
 pub fn statistical_outliers(points: &[Point], neighbours: usize, ratio: f64) -> Vec<bool> {
-    let mean_distance = map_nearest(points, neighbours + 1, |_, found| {
-        found.iter().map(|f| f.0.sqrt()).sum::<f64>() / found.len().saturating_sub(1).max(1) as f64
-    });
+    let tree = KdTree::new(points);
+    let mean_distance: Vec<f64> = points
+        .par_iter()
+        .map(|p| {
+            let found = tree.nearest_n(p, neighbours + 1);
+            found.iter().map(|f| f.1).sum::<f64>() / found.len().saturating_sub(1).max(1) as f64
+        })
+        .collect();
     let limit = outlier_limit(&mean_distance, ratio);
     mean_distance.iter().map(|&d| d > limit).collect()
 }

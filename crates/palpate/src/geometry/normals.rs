@@ -1,6 +1,7 @@
 use super::ransac::scatter;
-use super::{Point, Vector, map_nearest};
+use super::{KdTree, Point, Vector};
 use nalgebra::{Matrix3, SymmetricEigen};
+use rayon::prelude::*;
 use std::f64::consts::TAU;
 
 /// Unit normals from the principal axes of each point's `neighbours` nearest, turned towards the viewpoint.
@@ -12,11 +13,16 @@ use std::f64::consts::TAU;
 /// Hoppe et al., *Surface reconstruction from unorganized points*, SIGGRAPH 1992, §3.1; the orientation is ours: what a
 /// sensor saw faces the sensor.
 pub fn estimate_normals(points: &[Point], neighbours: usize, viewpoint: &Point) -> Vec<Vector> {
-    map_nearest(points, neighbours.max(3), |i, near| {
-        let to_viewpoint = (viewpoint - points[i]).try_normalize(1e-12).unwrap_or_else(Vector::z);
-        principal_normal(near.iter().map(|(_, i)| points[*i as usize]))
-            .map_or(to_viewpoint, |n| if n.dot(&to_viewpoint) < 0.0 { -n } else { n })
-    })
+    let tree = KdTree::new(points);
+    points
+        .par_iter()
+        .map(|p| {
+            let near = tree.nearest_n(p, neighbours.max(3));
+            let to_viewpoint = (viewpoint - p).try_normalize(1e-12).unwrap_or_else(Vector::z);
+            principal_normal(near.iter().map(|&(i, _)| points[i]))
+                .map_or(to_viewpoint, |n| if n.dot(&to_viewpoint) < 0.0 { -n } else { n })
+        })
+        .collect()
 }
 
 fn principal_normal(points: impl Iterator<Item = Point> + Clone) -> Option<Vector> {
