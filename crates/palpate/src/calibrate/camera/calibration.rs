@@ -92,12 +92,13 @@ pub fn calibrate_camera(
     check_corners(board, views)?;
     let mut used = different(views);
     enough(&used)?;
-    let (mut found, mut solved) = solve_unfolded(board, views, &used, size, fixed, start)?;
+    let problem = Problem { board, views, size, start };
+    let (mut found, mut solved) = problem.solve_unfolded(&used, fixed)?;
     let flags = outlying(&found.camera, board, views)?;
     if outliers == Outliers::Drop && flags.iter().zip(&used).any(|(flag, used)| *flag && *used) {
         used.iter_mut().zip(&flags).for_each(|(used, flag)| *used &= !flag);
         enough(&used)?;
-        (found, solved) = solve_unfolded(board, views, &used, size, fixed, start)?;
+        (found, solved) = problem.solve_unfolded(&used, fixed)?;
     }
     let mut calibrated = Vec::with_capacity(views.len());
     for (i, view) in views.iter().enumerate() {
@@ -120,29 +121,58 @@ fn valid(camera: &PinholeCamera) -> Result<(), CalibrationError> {
     })
 }
 
-/// [`solve`], and again with k3 kept if the lens found folds the image over itself: of few views k3 is the term that runs off. Also
-/// what was fixed in the end.
-fn solve_unfolded(
-    board: &Board,
-    views: &[BoardView],
-    used: &[bool],
+/// What is to be solved, whichever views are used and whatever is fixed.
+#[derive(Clone, Copy)]
+struct Problem<'a> {
+    board: &'a Board,
+    views: &'a [BoardView],
     size: (usize, usize),
-    fixed: Fixed,
-    start: Option<&PinholeCamera>,
-) -> Result<(Bundle, Fixed), CalibrationError> {
-    let mut fixed = fixed;
-    let mut found = solve(board, views, used, size, fixed, start)?;
-    if !fixed.k3 && valid(&found.camera).is_err() {
-        fixed.k3 = true;
-        found = solve(board, views, used, size, fixed, start)?;
+    start: Option<&'a PinholeCamera>,
+}
+
+impl Problem<'_> {
+    /// [`Self::solve`], and again with k3 kept if the lens found folds the image over itself: of few views k3 is the term that runs off. Also
+    /// what was fixed in the end.
+    fn solve_unfolded(&self, used: &[bool], mut fixed: Fixed) -> Result<(Bundle, Fixed), CalibrationError> {
+        let mut found = self.solve(used, fixed)?;
+        if !fixed.k3 && valid(&found.camera).is_err() {
+            fixed.k3 = true;
+            found = self.solve(used, fixed)?;
+        }
+        if let Err(error) = valid(&found.camera) {
+            // Views that determine nothing give a lens that cannot be, too: then that is the reason.
+            let corners = (found.poses.len() * self.board.len()) as f64;
+            check_conditions(&found.camera, deviations(&found, fixed, corners), tilts(found.poses.iter().copied()))?;
+            return Err(error);
+        }
+        Ok((found, fixed))
     }
-    if let Err(error) = valid(&found.camera) {
-        // Views that determine nothing give a lens that cannot be, too: then that is the reason.
-        let corners = (found.poses.len() * board.len()) as f64;
-        check_conditions(&found.camera, deviations(&found, fixed, corners), tilts(found.poses.iter().copied()))?;
-        return Err(error);
+
+    fn solve(&self, used: &[bool], fixed: Fixed) -> Result<Bundle, CalibrationError> {
+        let Self { board, views, size, start } = *self;
+        let chosen: Vec<BoardView> = views.iter().zip(used).filter(|(_, u)| **u).map(|(v, _)| v.clone()).collect();
+        let index: Vec<usize> = (0..views.len()).filter(|&i| used[i]).collect();
+        let mut camera = start.copied().unwrap_or_else(|| start_camera(board, &chosen, size));
+        (camera.width, camera.height) = size;
+        if start.is_none() && fixed.aspect {
+            camera.fy = camera.fx;
+        }
+        let poses =
+            chosen.iter().zip(&index).map(|(v, &i)| start_pose(&camera, board, v, i)).collect::<Result<_, _>>()?;
+        let found = bundle::refine(&camera, poses, board, &chosen, &fixed.free(camera.fy / camera.fx));
+        let rms = (found.sum / (chosen.len() * board.len()) as f64).sqrt();
+        // A bad start can run off: distances of boards and focal length grow together without end.
+        let usual = size.0.max(size.1) as f64;
+        let sane = (0.1 * usual..50.0 * usual).contains(&found.camera.fx) && found.camera.fy > 0.0 && rms.is_finite();
+        if !sane {
+            let what = format!("the focal length runs off to {:.0} px", found.camera.fx);
+            return Err(CalibrationError::IllConditioned { what, tilts: tilts(found.poses.iter().copied()) });
+        }
+        if !found.converged && rms > 1.0 {
+            return Err(CalibrationError::NotConverged { rms, steps: found.steps });
+        }
+        Ok(found)
     }
-    Ok((found, fixed))
 }
 
 pub(super) fn check_corners(board: &Board, views: &[BoardView]) -> Result<(), CalibrationError> {
@@ -166,37 +196,6 @@ fn different(views: &[BoardView]) -> Vec<bool> {
         pairs.map(|(p, q)| (p[0] - q[0]).hypot(p[1] - q[1])).sum::<f64>() / a.corners.len() as f64
     };
     (0..views.len()).map(|i| (0..i).all(|j| apart(&views[i], &views[j]) >= REPEATED_PX)).collect()
-}
-
-fn solve(
-    board: &Board,
-    views: &[BoardView],
-    used: &[bool],
-    size: (usize, usize),
-    fixed: Fixed,
-    start: Option<&PinholeCamera>,
-) -> Result<Bundle, CalibrationError> {
-    let chosen: Vec<BoardView> = views.iter().zip(used).filter(|(_, u)| **u).map(|(v, _)| v.clone()).collect();
-    let index: Vec<usize> = (0..views.len()).filter(|&i| used[i]).collect();
-    let mut camera = start.copied().unwrap_or_else(|| start_camera(board, &chosen, size));
-    (camera.width, camera.height) = size;
-    if start.is_none() && fixed.aspect {
-        camera.fy = camera.fx;
-    }
-    let poses = chosen.iter().zip(&index).map(|(v, &i)| start_pose(&camera, board, v, i)).collect::<Result<_, _>>()?;
-    let found = bundle::refine(&camera, poses, board, &chosen, &fixed.free(camera.fy / camera.fx));
-    let rms = (found.sum / (chosen.len() * board.len()) as f64).sqrt();
-    // A bad start can run off: distances of boards and focal length grow together without end.
-    let usual = size.0.max(size.1) as f64;
-    let sane = (0.1 * usual..50.0 * usual).contains(&found.camera.fx) && found.camera.fy > 0.0 && rms.is_finite();
-    if !sane {
-        let what = format!("the focal length runs off to {:.0} px", found.camera.fx);
-        return Err(CalibrationError::IllConditioned { what, tilts: tilts(found.poses.iter().copied()) });
-    }
-    if !found.converged && rms > 1.0 {
-        return Err(CalibrationError::NotConverged { rms, steps: found.steps });
-    }
-    Ok(found)
 }
 
 /// A view's pose with this camera.
