@@ -136,19 +136,19 @@ pub(crate) fn run(args: Args) -> anyhow::Result<Outcome> {
 /// Says what is doubtful.
 fn warn(result: &CameraCalibration) -> bool {
     if result.kept_k3 {
-        eprintln!(
-            "palpate: warning: k3 was kept as by --fix k3: with it the lens found folds the image over itself. More boards at the image's \
-             border would tell it"
+        crate::say::warn(
+            "k3 was kept as by --fix k3: with it the lens found folds the image over itself. More boards at the image's \
+             border would tell it",
         );
     }
     // Written so that NaN fails too.
     let poor = !(result.rms <= RMS_LIMIT);
     if poor {
-        eprintln!(
-            "palpate: warning: rms {:.2} px is over {RMS_LIMIT} px: blurred pictures, a board that is not flat, or pictures of two cameras or \
+        crate::say::warn(format!(
+            "rms {:.2} px is over {RMS_LIMIT} px: blurred pictures, a board that is not flat, or pictures of two cameras or \
              two zooms? See the worst views",
             result.rms
-        );
+        ));
     }
     poor || result.kept_k3
 }

@@ -74,10 +74,10 @@ pub(crate) fn run(args: Args) -> anyhow::Result<Outcome> {
         sd(0).hypot(sd(1)).hypot(sd(2)).to_degrees()
     );
     if pose.rms > 1.0 {
-        eprintln!(
-            "palpate: warning: {:.1} px is much: is this the calibrated camera, and the square's side right?",
+        crate::say::warn(format!(
+            "{:.1} px is much: is this the calibrated camera, and the square's side right?",
             pose.rms
-        );
+        ));
         return Ok(Outcome::Degraded);
     }
     Ok(Outcome::Done)

@@ -124,17 +124,17 @@ pub(crate) fn run(args: Args) -> anyhow::Result<Outcome> {
         );
     }
     if pairs.len() < GOOD_PAIRS {
-        eprintln!(
-            "palpate: warning: {} of the {GOOD_PAIRS} pairs that can show a wrong one: take five or more, tilted",
+        crate::say::warn(format!(
+            "{} of the {GOOD_PAIRS} pairs that can show a wrong one: take five or more, tilted",
             pairs.len()
-        );
+        ));
     }
     let poor = found.rms > RMS_LIMIT || found.apart.contains(&true);
     if poor {
-        eprintln!(
-            "palpate: warning: rms {:.2} px, over {RMS_LIMIT} px or with pairs apart: do all pairs belong together, are both cameras these?",
+        crate::say::warn(format!(
+            "rms {:.2} px, over {RMS_LIMIT} px or with pairs apart: do all pairs belong together, are both cameras these?",
             found.rms
-        );
+        ));
     }
     let lost = pairs.len() < paths[0].len();
     Ok(if lost || poor { Outcome::Degraded } else { Outcome::Done })

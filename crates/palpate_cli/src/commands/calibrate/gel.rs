@@ -128,12 +128,12 @@ pub(crate) fn run(args: Args) -> anyhow::Result<Outcome> {
     let quality = held_out.as_ref().unwrap_or(&gel.quality);
     let poor = quality.radius_error().abs() > RADIUS_LIMIT || quality.residual_share() > RESIDUAL_LIMIT;
     if poor {
-        eprintln!(
-            "palpate: warning: the result is poor (radius {:+.1} %, residual {:.1} % of the cap): more presses, spread over the pad? is the \
+        crate::say::warn(format!(
+            "the result is poor (radius {:+.1} %, residual {:.1} % of the cap): more presses, spread over the pad? is the \
              ball's radius right?",
             100.0 * quality.radius_error(),
             100.0 * quality.residual_share()
-        );
+        ));
     }
     Ok(if poor || lost { Outcome::Degraded } else { Outcome::Done })
 }

@@ -101,12 +101,12 @@ impl Target {
             super::copy_calibration(path, &self.output)?;
         }
         for warning in &imported.warnings {
-            eprintln!("palpate: warning: {warning}");
+            crate::say::warn(warning);
         }
         let touches = imported.scene.touches.len();
         println!("{}: {touches} touches", self.output.join("scene.toml").display());
         if far > 0 {
-            eprintln!("palpate: warning: {far} readings over {FARTHEST} m do not fit a depth image and were left out");
+            crate::say::warn(format!("{far} readings over {FARTHEST} m do not fit a depth image and were left out"));
         }
         Ok(if far > 0 { Outcome::Degraded } else { Outcome::Done })
     }
