@@ -1,4 +1,5 @@
-//! What each part of the method is worth: reconstructs scenes with truth, with every part taken away in turn.
+//! What each part of the method is worth: reconstructs scenes with truth, with every part taken away in turn; and what holds it back: `--only oracle`
+//! gives it the symmetries of the truth, `--only "cells of"` finer cells.
 //!
 //! `cargo run --release --example ablation -- [--touches 0,20] [--only WORD] SCENE...`
 //!
@@ -7,8 +8,11 @@
 
 #[path = "shared/counts.rs"]
 mod counts;
+#[path = "shared/oracle.rs"]
+mod oracle;
 
 use counts::touch_counts;
+use oracle::Oracle;
 use palpate::io::{SceneFile, read_mesh, read_scene};
 use palpate::metrics::{CompareParams, TruthReference};
 use palpate::pipeline::{ReconstructParams, Stages, reconstruct};
@@ -44,25 +48,42 @@ const PARTS: &[Part] = &[
     ("trial of touches", |p| p.touches.judge = false),
     ("refinement of poses", |p| p.touches.refine = false),
     ("free space in the fusion", |p| p.implicit.free_weight = 0.0),
-    ("winding prior", |p| p.implicit.prior.winding_weight = 0.0),
+    ("winding prior", |p| {
+        (p.implicit.prior.winding_weight, p.implicit.prior.winding_sure_weight) = (0.0, 0.0);
+    }),
+    ("what winding is sure of", |p| p.implicit.prior.winding_sure_weight = 0.0),
     ("hull prior", |p| p.implicit.prior.hull_weight = 0.0),
     ("narrow band (dense cells alone)", |p| {
         (p.implicit.spacing, p.implicit.shell.spacing) = (0.01, 0.01);
     }),
-    ("finer cells for shells", |p| p.implicit.shell.pairs = 2.0),
+    ("finer cells and less smoothness for shells", |p| p.implicit.shell.pairs = 2.0),
+    ("touches weigh more", |p| p.weight.most = 1.0),
     ("denoising of depth", |p| p.segment.smooth.radius = 1),
+    ("oracle: symmetries of the truth", |_| {}),
+    ("cells of 0.7 mm", |p| (p.implicit.spacing, p.implicit.shell.spacing) = (0.7e-3, 0.5e-3)),
 ];
+
+struct Case {
+    name: String,
+    scene: SceneFile,
+    reference: TruthReference,
+    oracle: Oracle,
+}
 
 struct Run {
     iou: f64,
     chamfer: f64,
 }
 
-fn run(scene: &SceneFile, reference: &TruthReference, touches: usize, part: &Part) -> Option<Run> {
+fn run(Case { scene, reference, oracle, .. }: &Case, touches: usize, part: &Part) -> Option<Run> {
     let mut params =
         ReconstructParams { max_touches: Some(touches), uncertainty: false, ..ReconstructParams::default() };
     part.1(&mut params);
-    let estimator = (part.0 == "symmetry").then_some(&Nothing as &dyn SymmetryEstimator);
+    let estimator: Option<&dyn SymmetryEstimator> = match part.0 {
+        "symmetry" => Some(&Nothing),
+        name if name.starts_with("oracle") => Some(oracle),
+        _ => None,
+    };
     let made = reconstruct(&scene.scene, &params, &Stages { symmetry: estimator, ..Stages::default() });
     let made = made.inspect_err(|error| eprintln!("{} without {}: {error}", scene.scene.name, part.0)).ok()?;
     let judged = reference.compare(&made.mesh).ok()?;
@@ -80,14 +101,15 @@ fn main() -> Result<(), Box<dyn Error>> {
             _ => folders.push(arg),
         }
     }
-    let scenes: Vec<(String, SceneFile, TruthReference)> = folders
+    let scenes: Vec<Case> = folders
         .iter()
         .map(|folder| {
             let scene = read_scene(folder)?;
             let truth = read_mesh(scene.truth.as_ref().ok_or_else(|| format!("{folder}: no truth"))?)?;
             let reference =
                 TruthReference::new(&truth, &CompareParams { samples: 30_000, ..CompareParams::default() })?;
-            Ok((folder.rsplit('/').next().unwrap_or(folder).to_owned(), scene, reference))
+            let name = folder.rsplit('/').next().unwrap_or(folder).to_owned();
+            Ok(Case { name, scene, reference, oracle: Oracle::new(&truth, 400) })
         })
         .collect::<Result<_, Box<dyn Error>>>()?;
     println!(
@@ -96,7 +118,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let mut whole: Vec<Vec<Option<Run>>> = Vec::new();
     for part in PARTS.iter().enumerate().filter(|(i, p)| *i == 0 || p.0.contains(&only)).map(|(_, p)| p) {
         for (c, &touches) in counts.iter().enumerate() {
-            let runs: Vec<Option<Run>> = scenes.par_iter().map(|s| run(&s.1, &s.2, touches, part)).collect();
+            let runs: Vec<Option<Run>> = scenes.par_iter().map(|s| run(s, touches, part)).collect();
             if whole.len() == c {
                 whole.push(runs);
                 row(part.0, touches, &scenes, &whole[c], None, &shells);
@@ -112,12 +134,12 @@ fn main() -> Result<(), Box<dyn Error>> {
 fn row(
     name: &str,
     touches: usize,
-    scenes: &[(String, SceneFile, TruthReference)],
+    scenes: &[Case],
     runs: &[Option<Run>],
     whole: Option<&Vec<Option<Run>>>,
     shells: &[String],
 ) {
-    let is_shell = |i: usize| shells.iter().any(|s| scenes[i].0.contains(s));
+    let is_shell = |i: usize| shells.iter().any(|s| scenes[i].name.contains(s));
     let iou = |r: &Option<Run>| r.as_ref().map_or(0.0, |r| r.iou);
     let value = |i: usize, f: fn(&Run) -> f64| {
         let own = runs[i].as_ref().map(f)?;
@@ -131,7 +153,7 @@ fn row(
     let change = |i: usize| iou(&runs[i]) - whole.map_or(0.0, |w| iou(&w[i]));
     let mean_iou = bodies.iter().map(|&i| change(i)).sum::<f64>() / bodies.len().max(1) as f64;
     let worst = bodies.iter().copied().min_by(|&a, &b| change(a).total_cmp(&change(b)));
-    let worst = worst.map_or(String::new(), |i| format!("{} {:+.3}", scenes[i].0, change(i)));
+    let worst = worst.map_or(String::new(), |i| format!("{} {:+.3}", scenes[i].name, change(i)));
     let (chamfer, of_shells) = (mean(false, |r| r.chamfer), mean(true, |r| r.chamfer));
     if whole.is_some() {
         println!("| {name} | {touches} | {mean_iou:+.4} | {chamfer:+.3} | {of_shells:+.2} | {worst} |");

@@ -72,7 +72,9 @@ fn mesh(cloud: &PointCloud, args: &Args) -> Result<Made, Box<dyn Error>> {
             Ok((ball_pivoting(cloud, &params)?, None))
         }
         "implicit" => {
-            let params: ImplicitParams = toml::from_str(&args.set.join("\n"))?;
+            let mut params = toml::Table::try_from(ImplicitParams::of_cloud())?;
+            params.extend(toml::from_str::<toml::Table>(&args.set.join("\n"))?);
+            let params: ImplicitParams = params.try_into()?;
             Ok((implicit_surface(cloud, args.cell, &params)?, None))
         }
         other => Err(format!("unknown method {other}").into()),

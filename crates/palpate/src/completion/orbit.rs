@@ -46,7 +46,7 @@ impl Default for OrbitParams {
             orbit_violations: 0.05,
             orbit_radius: 4e-3,
             arc: 8e-3,
-            weight: 0.05,
+            weight: 0.1,
             full_score: 0.4,
             orientation: 5.0,
             correct: true,

@@ -1,7 +1,7 @@
 use super::reconstruct::{Reconstruction, Stages, Warning, felt_cloud, mesh_warnings};
 use super::trust::{Settled, settle};
 use super::uncertainty::{Guesses, vertex_knowledge};
-use super::{ReconstructError, ReconstructParams, Surface, VertexKnowledge, color, stages as step};
+use super::{ReconstructError, ReconstructParams, Surface, VertexKnowledge, WeightParams, color, stages as step};
 use crate::camera::{Visible, segment_object};
 use crate::completion::{MovedEvidence, move_evidence};
 use crate::evidence::{Evidence, Sample};
@@ -55,8 +55,7 @@ pub(super) fn reconstruct(
 
     // Fuse and mesh: one function, weighted by what each sample is worth.
     stages.begin("fuse");
-    let measured: Vec<WeightedSample> =
-        evidence.measured.iter().map(|s| weighted(s, params.full_weight_sigma)).collect();
+    let measured: Vec<WeightedSample> = evidence.measured.iter().map(|s| weighted(s, &params.weight)).collect();
     let guessed = guessed_samples(&moved, params.orbit.orientation);
     let (mut mesh, field) = match params.surface() {
         Surface::Implicit => {
@@ -98,9 +97,8 @@ pub(super) fn reconstruct(
     Ok((result, Kept { visible, evidence, patches, moved, guesses, measured, field }))
 }
 
-/// A measurement weighs 1 up to a σ of `full`, then falls as 1/σ².
-pub(super) fn weighted(sample: &Sample, full: f64) -> WeightedSample {
-    let weight = (full / sample.sigma.max(1e-9)).powi(2).min(1.0);
+pub(super) fn weighted(sample: &Sample, params: &WeightParams) -> WeightedSample {
+    let weight = params.of(sample.sigma);
     WeightedSample { position: sample.position, normal: sample.normal, weight, orientation: weight }
 }
 

@@ -18,7 +18,7 @@ mod vertices;
 pub use color::{ColorBy, provenance_color, sigma_color};
 pub use error::ReconstructError;
 pub use paper::{PaperError, PaperParams, PaperResult, PaperSurface, reconstruct_paper};
-pub use params::{Method, ReconstructParams, Surface, TouchParams};
+pub use params::{Method, ReconstructParams, Surface, TouchParams, WeightParams};
 pub use reconstruct::{Reconstruction, SettledTouch, Stages, Warning, reconstruct};
 pub use session::{Followed, Session, Update};
 pub use stages::with_contacts;

@@ -43,9 +43,8 @@ pub struct ReconstructParams {
     pub seed: u64,
     /// Use only the first touches.
     pub max_touches: Option<usize>,
-    /// σ up to which a measurement has the full weight, metres (`fused`). Larger trusts uncertain touches and far readings more.
-    /// 2 mm is what a guess is worth at best.
-    pub full_weight_sigma: f64,
+    /// What measurements weigh (`fused`).
+    pub weight: WeightParams,
     /// When a touch is left out.
     pub touches: TouchParams,
     /// From the frame to the object's visible side.
@@ -68,6 +67,34 @@ pub struct ReconstructParams {
     pub color: ColorBy,
 }
 
+/// What a measurement of known σ weighs: w = max(min(1, (full / σ)²), min(most, (fine / σ)²)).
+///
+/// Inverse variances but for a plateau at 1: what is seen at usual ranges and angles weighs alike.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct WeightParams {
+    /// σ from which the weight falls below 1, metres. Larger trusts uncertain touches and far readings more; 2 mm is what a guess is
+    /// worth at best.
+    pub full_sigma: f64,
+    /// σ under which the weight rises above 1, metres. Larger lets touches and near cameras draw finer detail.
+    pub fine_sigma: f64,
+    /// Greatest weight: that of a touch whose pose is exact.
+    pub most: f64,
+}
+
+impl Default for WeightParams {
+    fn default() -> Self {
+        Self { full_sigma: 2e-3, fine_sigma: 4.5e-4, most: 32.0 }
+    }
+}
+
+impl WeightParams {
+    pub(super) fn of(&self, sigma: f64) -> f64 {
+        let over = |reference: f64| (reference / sigma.max(1e-9)).powi(2);
+        over(self.full_sigma).min(1.0).max(over(self.fine_sigma).min(self.most))
+    }
+}
+
 impl Default for ReconstructParams {
     fn default() -> Self {
         Self {
@@ -75,7 +102,7 @@ impl Default for ReconstructParams {
             surface: None,
             seed: 0,
             max_touches: None,
-            full_weight_sigma: 2e-3,
+            weight: WeightParams::default(),
             touches: TouchParams::default(),
             segment: SegmentParams::default(),
             lift: LiftParams::default(),
@@ -180,7 +207,9 @@ impl ReconstructParams {
     /// The first that is out of range, with field, value and rule.
     pub fn validate(&self) -> Result<(), ReconstructError> {
         all_positive(&[
-            ("full_weight_sigma", self.full_weight_sigma),
+            ("weight.full_sigma", self.weight.full_sigma),
+            ("weight.fine_sigma", self.weight.fine_sigma),
+            ("weight.most", self.weight.most),
             ("touches.max_in_free_space", self.touches.max_in_free_space),
             ("touches.max_diagonals", self.touches.max_diagonals),
         ])?;
@@ -227,6 +256,14 @@ impl ReconstructParams {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_touch_outweighs_a_sighting_by_its_variance_up_to_a_limit() {
+        let weight = WeightParams::default();
+        for (sigma, wanted) in [(4e-3, 0.25), (2e-3, 1.0), (5e-4, 1.0), (2.25e-4, 4.0), (8e-5, 31.64), (0.0, 32.0)] {
+            assert!((weight.of(sigma) - wanted).abs() < 0.01, "{sigma}: {}", weight.of(sigma));
+        }
+    }
 
     #[test]
     fn every_parameter_out_of_range_is_named_before_the_work() {

@@ -252,7 +252,7 @@ impl<'a> Session<'a> {
         let Kept { evidence, moved, guesses, measured, .. } = &mut self.kept;
         let change = moved.follow(evidence, from[0], &params.orbit);
         guesses.extend(&moved.kept[change.added..]);
-        measured.extend(evidence.measured[from[1]..].iter().map(|s| fused::weighted(s, params.full_weight_sigma)));
+        measured.extend(evidence.measured[from[1]..].iter().map(|s| fused::weighted(s, &params.weight)));
         let guessed = fused::guessed_samples(moved, params.orbit.orientation);
 
         self.stages.begin("fuse");

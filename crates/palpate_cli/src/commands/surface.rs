@@ -86,7 +86,7 @@ impl Args {
                 ball_pivoting(cloud, &params)?
             }
             Method::Poisson => self.poisson(cloud)?,
-            Method::Implicit => implicit_surface(cloud, self.implicit.cell, &ImplicitParams::default())?,
+            Method::Implicit => implicit_surface(cloud, self.implicit.cell, &ImplicitParams::of_cloud())?,
         })
     }
 

@@ -74,7 +74,7 @@ mod tests {
             let normals = directions(3000);
             let points = normals.iter().map(|n| Point::from(n * radius)).collect();
             let cloud = PointCloud::with_normals(points, normals).expect("as many normals as points");
-            let mesh = implicit_surface(&cloud, None, &ImplicitParams::default()).expect("a ball has a surface");
+            let mesh = implicit_surface(&cloud, None, &ImplicitParams::of_cloud()).expect("a ball has a surface");
             assert!(Topology::of(&mesh).is_watertight());
             let volume = 4.0 / 3.0 * std::f64::consts::PI * radius.powi(3);
             assert!((mesh.volume() / volume - 1.0).abs() < 0.02, "{} of {volume}", mesh.volume());
@@ -86,7 +86,7 @@ mod tests {
         let normals = directions(2000);
         let points = normals.iter().map(|n| Point::from(n * 0.05)).collect();
         let cloud = PointCloud::with_normals(points, normals).expect("as many normals as points");
-        let faces = |cell| implicit_surface(&cloud, Some(cell), &ImplicitParams::default()).map(|m| m.faces.len());
+        let faces = |cell| implicit_surface(&cloud, Some(cell), &ImplicitParams::of_cloud()).map(|m| m.faces.len());
         let (coarse, fine) = (faces(8e-3).expect("a surface"), faces(4e-3).expect("a surface"));
         assert!((3.5..4.5).contains(&(fine as f64 / coarse as f64)), "{coarse} {fine}");
         for cell in [0.0, -1.0, f64::NAN, f64::INFINITY] {
@@ -97,6 +97,6 @@ mod tests {
     #[test]
     fn a_cloud_of_one_place_is_an_error() {
         let cloud = PointCloud::with_normals(vec![Point::origin(); 20], vec![Vector::z(); 20]).expect("equal numbers");
-        assert!(implicit_surface(&cloud, None, &ImplicitParams::default()).is_err());
+        assert!(implicit_surface(&cloud, None, &ImplicitParams::of_cloud()).is_err());
     }
 }

@@ -1,34 +1,34 @@
+use super::WeightedSample;
 use super::level::Level;
-use crate::geometry::Point;
 
 /// [`clean`] of a part of a grid that was clean: what reaches the part's border is taken to go on beyond it.
 ///
-/// * `needed` – anchors from which an isolated component is kept
-pub(super) fn clean_part(level: &mut Level, anchors: &[Point], needed: f64) {
+/// * `needed` – weight of samples from which an isolated component is kept
+pub(super) fn clean_part(level: &mut Level, samples: &[WeightedSample], needed: f64) {
     let labels = Labels::new(level, true);
-    let (open, held) = (labels.open(level), labels.held(level, anchors));
-    labels.drop_unless(level, |c| open[c] || held[c] as f64 > needed);
+    let (open, held) = (labels.open(level), labels.held(level, samples));
+    labels.drop_unless(level, |c| open[c] || held[c] > needed);
     fill_cavities(level);
 }
 
 /// Removes what no evidence asks for: negative components without samples and enclosed positive cavities.
 ///
-/// Keeps the largest negative component and those whose `anchors` are more than `share` of all; everything else becomes outside
-/// and every positive region that does not reach the border becomes inside. Works on runs along x with union–find: O(nodes).
-pub(super) fn clean(level: &mut Level, anchors: &[Point], share: f64) {
-    drop_small_solids(level, anchors, share);
+/// Keeps the largest negative component and those that carry more than `share` of the weight of the `samples`; everything else becomes
+/// outside and every positive region that does not reach the border becomes inside. Works on runs along x with union–find: O(nodes).
+pub(super) fn clean(level: &mut Level, samples: &[WeightedSample], share: f64) {
+    drop_small_solids(level, samples, share);
     fill_cavities(level);
 }
 
-fn drop_small_solids(level: &mut Level, anchors: &[Point], share: f64) {
+fn drop_small_solids(level: &mut Level, samples: &[WeightedSample], share: f64) {
     let labels = Labels::new(level, true);
     if labels.count() < 2 {
         return;
     }
-    let held = labels.held(level, anchors);
-    let total = held.iter().sum::<usize>();
+    let held = labels.held(level, samples);
+    let total = held.iter().sum::<f64>();
     let largest = (0..labels.count()).max_by_key(|&c| (labels.sizes[c], usize::MAX - c));
-    labels.drop_unless(level, |c| Some(c) == largest || (total > 0 && held[c] as f64 > share * total as f64));
+    labels.drop_unless(level, |c| Some(c) == largest || (total > 0.0 && held[c] > share * total));
 }
 
 fn fill_cavities(level: &mut Level) {
@@ -118,15 +118,15 @@ impl Labels {
         open
     }
 
-    /// How many anchors each component carries.
-    fn held(&self, level: &Level, anchors: &[Point]) -> Vec<usize> {
-        let mut held = vec![0usize; self.count()];
-        for p in anchors {
+    /// What the samples weigh that each component carries.
+    fn held(&self, level: &Level, samples: &[WeightedSample]) -> Vec<f64> {
+        let mut held = vec![0.0; self.count()];
+        for s in samples {
             // The sample lies on the surface: any inside corner of its cell tells the component.
-            let Some((b, _)) = level.locate(p) else { continue };
+            let Some((b, _)) = level.locate(&s.position) else { continue };
             let corner = (0..8).map(|c| level.index(b[0] + (c & 1), b[1] + (c >> 1 & 1), b[2] + (c >> 2)));
             if let Some(label) = corner.filter(|&n| level.values[n] < 0.0).find_map(|n| self.of(level, n)) {
-                held[label] += 1;
+                held[label] += s.weight;
             }
         }
         held
@@ -178,7 +178,7 @@ fn find(parent: &mut [usize], mut x: usize) -> usize {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geometry::Aabb;
+    use crate::geometry::{Aabb, Point, Vector};
 
     #[test]
     fn keeps_the_anchored_solid_and_fills_the_hole_in_it() {
@@ -196,7 +196,16 @@ mod tests {
         set(&mut l, 2..9, 2..9, -1.0);
         set(&mut l, 5..6, 5..6, 1.0); // a hidden bubble
         set(&mut l, 14..16, 3..5, -1.0); // a ghost
-        clean(&mut l, &[Point::new(2.0, 4.0, 4.0)], 0.02);
+        let sample = |x: f64, weight: f64| WeightedSample {
+            position: Point::new(x, 4.0, 4.0),
+            normal: Vector::x(),
+            weight,
+            orientation: weight,
+        };
+        let mut touched = l.clone();
+        clean(&mut touched, &[sample(2.0, 100.0), sample(14.0, 5.0)], 0.02);
+        assert!(touched.values[touched.index(14, 3, 3)] < 0.0, "what was felt is no ghost");
+        clean(&mut l, &[sample(2.0, 100.0), sample(14.0, 1.0)], 0.02);
         assert!(l.values[l.index(5, 5, 5)] < 0.0);
         assert!(l.values[l.index(14, 3, 3)] > 0.0);
         assert!(l.values[l.index(2, 2, 2)] < 0.0);

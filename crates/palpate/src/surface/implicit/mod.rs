@@ -62,6 +62,8 @@ pub struct ImplicitProblem<'a> {
 /// The solved function.
 pub struct ImplicitField {
     level: Level,
+    /// μ that it was solved with: shells have less.
+    smoothness: f64,
 }
 
 /// Solves for the implicit function.
@@ -71,7 +73,11 @@ pub fn solve_implicit(problem: &ImplicitProblem, params: &ImplicitParams) -> Imp
     let guessed = params.shell.wall.map(|wall| shell::beside_walls(problem, wall));
     let problem = &ImplicitProblem { guessed: guessed.as_deref().unwrap_or(problem.guessed), ..*problem };
     let is_shell = shell::is_shell(problem, &params.shell);
-    let fine = ImplicitParams { spacing: params.spacing.min(params.shell.spacing), ..params.clone() };
+    let fine = ImplicitParams {
+        spacing: params.spacing.min(params.shell.spacing),
+        smoothness: params.smoothness.min(params.shell.smoothness),
+        ..params.clone()
+    };
     let params = if is_shell { &fine } else { params };
     let mut level = solve_dense(problem, params);
     for spacing in band_spacings(&level.surface_box(1.5), level.spacing, params) {
@@ -81,9 +87,8 @@ pub fn solve_implicit(problem: &ImplicitProblem, params: &ImplicitParams) -> Imp
         shell::clamp(&mut level, problem, wall);
     }
     level.close_border();
-    let anchors: Vec<Point> = problem.measured.iter().map(|s| s.position).collect();
-    components::clean(&mut level, &anchors, params.component_share);
-    ImplicitField { level }
+    components::clean(&mut level, problem.measured, params.component_share);
+    ImplicitField { level, smoothness: params.smoothness }
 }
 
 /// Spacing of the finest dense level: the cell budget spread over the box, but not finer than wanted.

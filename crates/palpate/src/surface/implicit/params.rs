@@ -21,7 +21,7 @@ pub struct ImplicitParams {
     pub band_cells: usize,
     /// Relative residual at which the solver stops.
     pub tolerance: f64,
-    /// Components with a smaller share of the measured samples are dropped.
+    /// Components that carry a smaller share of what the measured samples weigh are dropped. One touch weighs more than this.
     pub component_share: f64,
     /// When the object is a shell, and what follows.
     pub shell: ShellParams,
@@ -42,11 +42,13 @@ pub struct ShellParams {
     pub thickest: f64,
     /// Spacing of the finest grid of a shell, metres.
     pub spacing: f64,
+    /// μ of a shell at most. Larger pulls its two faces apart where they are close.
+    pub smoothness: f64,
 }
 
 impl Default for ShellParams {
     fn default() -> Self {
-        Self { wall: None, pairs: 0.25, thickest: 1.5e-3, spacing: 0.75e-3 }
+        Self { wall: None, pairs: 0.25, thickest: 1.5e-3, spacing: 0.75e-3, smoothness: 2.5e-3 }
     }
 }
 
@@ -56,6 +58,8 @@ impl Default for ShellParams {
 pub struct PriorParams {
     /// ω: weight where the winding number says outside.
     pub winding_weight: f64,
+    /// Weight added where it is far under the threshold. Larger empties what evidence surrounds.
+    pub winding_sure_weight: f64,
     /// u₀: winding numbers below it count as outside, when guessed samples close the surface. Larger cuts more away.
     pub winding_threshold: f64,
     /// u₀ when there are few guessed samples: a half-open surface has low winding numbers inside.
@@ -74,12 +78,23 @@ pub struct PriorParams {
 }
 
 impl ImplicitParams {
+    /// Those of [`super::implicit_surface`]: a cloud of alike points wants more smoothness than evidence of many kinds, and has no touches that weigh more.
+    pub fn of_cloud() -> Self {
+        Self {
+            smoothness: 0.02,
+            component_share: 0.02,
+            shell: ShellParams { smoothness: 0.02, ..ShellParams::default() },
+            prior: PriorParams { winding_weight: 0.01, winding_sure_weight: 0.0, ..PriorParams::default() },
+            ..Self::default()
+        }
+    }
+
     /// Checks every field.
     ///
     /// # Errors
     /// [`SurfaceError::InvalidParameter`] names the first that is out of range.
     pub fn validate(&self) -> Result<(), SurfaceError> {
-        let rules: [(&'static str, f64, f64); 10] = [
+        let rules: [(&'static str, f64, f64); 11] = [
             ("implicit.spacing", self.spacing, f64::MIN_POSITIVE),
             ("implicit.dense_cells", self.dense_cells as f64, 1000.0),
             ("implicit.max_nodes", self.max_nodes as f64, 1000.0),
@@ -88,6 +103,7 @@ impl ImplicitParams {
             ("implicit.band_cells", self.band_cells as f64, 1.0),
             ("implicit.tolerance", self.tolerance, f64::MIN_POSITIVE),
             ("implicit.shell.spacing", self.shell.spacing, f64::MIN_POSITIVE),
+            ("implicit.shell.smoothness", self.shell.smoothness, f64::MIN_POSITIVE),
             ("implicit.shell.wall", self.shell.wall.unwrap_or(1.0), f64::MIN_POSITIVE),
             ("implicit.prior.winding_sample_spacing", self.prior.winding_sample_spacing, f64::MIN_POSITIVE),
         ];
@@ -107,12 +123,12 @@ impl Default for ImplicitParams {
             spacing: 1.1e-3,
             dense_cells: 150_000,
             max_nodes: 14_000_000,
-            smoothness: 0.02,
+            smoothness: 0.014,
             free_weight: 2.0,
             sample_spacing: 0.8,
             band_cells: 3,
             tolerance: 5e-3,
-            component_share: 0.02,
+            component_share: 0.005,
             shell: ShellParams::default(),
             prior: PriorParams::default(),
         }
@@ -122,7 +138,8 @@ impl Default for ImplicitParams {
 impl Default for PriorParams {
     fn default() -> Self {
         Self {
-            winding_weight: 0.01,
+            winding_weight: 0.005,
+            winding_sure_weight: 0.2,
             winding_threshold: 0.30,
             winding_threshold_unguessed: 0.15,
             winding_sample_spacing: 4e-3,

@@ -85,8 +85,13 @@ impl Hull {
     }
 }
 
-/// Weight of the outside prior at every node of `level`: ω k(u) of the winding prior plus, if a hull is given, its weight beyond
-/// the margin.
+/// How far under the threshold the winding number says outside for all it can, and as far again from where on it is sure.
+const RAMP: f32 = 0.1;
+
+/// Weight of the outside prior at every node of `level`: that of the winding number plus, if a hull is given, its own beyond the margin.
+///
+/// A winding number just under the threshold may still be one of the inside of a body of which a side is missing, where the seams are
+/// smoothness' to close; far under it, between the wings of an aeroplane, it is not.
 pub(super) fn weights(level: &Level, winding: &Winding, hull: Option<&Hull>, params: &super::PriorParams) -> Vec<f32> {
     let [nx, ny, _] = level.dims;
     let mut out = vec![0.0f32; level.values.len()];
@@ -94,8 +99,9 @@ pub(super) fn weights(level: &Level, winding: &Winding, hull: Option<&Hull>, par
         for j in 0..ny {
             for i in 0..nx {
                 let p = level.position(i, j, k);
-                let share = ((params.winding_threshold as f32 - winding.at(&p)) / 0.1).clamp(0.0, 1.0);
-                let mut weight = params.winding_weight as f32 * share;
+                let under = (params.winding_threshold as f32 - winding.at(&p)) / RAMP;
+                let mut weight = params.winding_weight as f32 * under.clamp(0.0, 1.0);
+                weight += params.winding_sure_weight as f32 * (under - 1.0).clamp(0.0, 1.0);
                 if hull.is_some_and(|h| h.outside(&p) > params.hull_margin) {
                     weight += params.hull_weight as f32;
                 }
@@ -108,7 +114,9 @@ pub(super) fn weights(level: &Level, winding: &Winding, hull: Option<&Hull>, par
 
 #[cfg(test)]
 mod tests {
+    use super::super::PriorParams;
     use super::*;
+    use crate::geometry::Aabb;
 
     #[test]
     fn winding_number_of_a_sphere_is_one_inside_and_nothing_outside() {
@@ -131,6 +139,40 @@ mod tests {
         let hull = Hull::new(&samples, 0.01);
         assert!(hull.outside(&Point::origin()) < -0.09);
         assert!((hull.outside(&Point::new(0.0, 0.0, 0.15)) - 0.05).abs() < 2e-3);
+    }
+
+    #[test]
+    fn only_far_under_the_threshold_the_outside_is_sure() {
+        let facing = |z: f64| WeightedSample {
+            position: Point::new(0.0, 0.0, 0.0),
+            normal: Vector::z() * z,
+            weight: 1.0,
+            orientation: 1.0,
+        };
+        let winding = Winding::new(&[facing(1.0)], 0.01);
+        let level =
+            Level::covering(&Aabb { min: Point::new(-0.01, -0.01, -0.01), max: Point::new(0.01, 0.01, 0.01) }, 0.01);
+        let at = |threshold: f64| {
+            let params = PriorParams { winding_threshold: threshold, ..PriorParams::default() };
+            let n = level.index(0, 0, 0);
+            let u = f64::from(winding.at(&level.position(0, 0, 0)));
+            (weights(&level, &winding, None, &params)[n], u)
+        };
+        let (_, u) = at(0.0);
+        let params = PriorParams::default();
+        for (under, wanted) in [
+            (-0.05, 0.0),
+            (0.05, 0.5 * params.winding_weight),
+            (0.1, params.winding_weight),
+            (0.15, params.winding_weight + 0.5 * params.winding_sure_weight),
+            (0.4, params.winding_weight + params.winding_sure_weight),
+        ] {
+            let (weight, _) = at(u + under);
+            assert!(
+                (f64::from(weight) - wanted).abs() < 1e-3 * params.winding_sure_weight,
+                "{under}: {weight}, not {wanted}"
+            );
+        }
     }
 
     #[test]

@@ -28,6 +28,7 @@ impl ImplicitField {
         changed: &[(Point, f64)],
         params: &ImplicitParams,
     ) -> Vec<Aabb> {
+        let params = &ImplicitParams { smoothness: self.smoothness, ..params.clone() };
         let near = centers(changed);
         let parts = parts(&self.level, &near);
         let solve = |&part: &Part| solve_part(&self.level, part, problem, &near, params);
@@ -128,8 +129,8 @@ fn solve_part(
     if let Some(wall) = params.shell.wall {
         shell::clamp(&mut part, &local, wall);
     }
-    let anchors: Vec<Point> = measured.iter().map(|s| s.position).collect();
-    components::clean_part(&mut part, &anchors, params.component_share * problem.measured.len() as f64);
+    let weight: f64 = problem.measured.iter().map(|s| s.weight).sum();
+    components::clean_part(&mut part, &measured, params.component_share * weight);
     part
 }
 
