@@ -43,7 +43,7 @@ impl Oracle {
         if predicted.kind() != truth.kind() {
             return false;
         }
-        let mut truth = truth.clone();
+        let mut truth = *truth;
         if let (SymmetryElement::Axis { order: theirs, .. }, SymmetryElement::Axis { order: ours, .. }) =
             (&mut truth, predicted)
         {
@@ -69,7 +69,7 @@ impl Oracle {
 
     /// The best element near a candidate, and its error: pattern search over two turns and the shifts.
     pub(crate) fn fitted(&self, element: &SymmetryElement) -> (SymmetryElement, f64) {
-        let (mut best, mut error) = (element.clone(), self.error(element));
+        let (mut best, mut error) = (*element, self.error(element));
         let mut step = 8e-3;
         while step > 2e-4 {
             let neighbours =

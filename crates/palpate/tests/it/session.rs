@@ -38,11 +38,11 @@ fn iou(a: &TriangleMesh, b: &TriangleMesh) -> f64 {
     compared.volumetric_iou.expect("both are closed")
 }
 
-/// Mean distance of `full` from `mesh` within 8 mm of the points, metres.
+/// Mean distance of `full` from `mesh` within 3 mm of the points, metres.
 fn off_around(points: &[Point], mesh: &TriangleMesh, full: &TriangleMesh) -> f64 {
     let (bvh, near) = (Bvh::new(mesh), KdTree::new(points));
     let samples = SurfaceSamples::draw(full, 20_000, 1).points;
-    let close = samples.iter().filter(|p| near.nearest_n(p, 1).iter().any(|n| n.1 < 8e-3));
+    let close = samples.iter().filter(|p| near.nearest_n(p, 1).iter().any(|n| n.1 < 3e-3));
     let off: Vec<f64> = close.map(|p| bvh.closest_point(p).map_or(f64::INFINITY, |s| s.distance)).collect();
     assert!(off.len() > 100, "{} samples", off.len());
     off.iter().sum::<f64>() / off.len() as f64
@@ -70,7 +70,7 @@ fn followed_touches_agree_with_a_full_reconstruction_and_settle_to_it() {
     assert!(agree > before + 0.01, "IoU with the full one: {agree}; without touches {before}");
     let felt = &followed.felt.points;
     let (after, before) = (off_around(felt, &followed.mesh, &full.mesh), off_around(felt, &untouched, &full.mesh));
-    assert!(after < 0.3 * before, "around the touches {after} m off the full one, {before} before");
+    assert!(after < 0.5 * before, "around the touches {after} m off the full one, {before} before");
     session.settle().expect("as before");
     assert!(session.is_settled() && session.reconstruction().mesh == full.mesh, "settled is the very same");
 }
