@@ -109,7 +109,7 @@ fn main() -> Result<(), Box<dyn Error>> {
             let reference =
                 TruthReference::new(&truth, &CompareParams { samples: 30_000, ..CompareParams::default() })?;
             let name = folder.rsplit('/').next().unwrap_or(folder).to_owned();
-            Ok(Case { name, scene, reference, oracle: Oracle::new(&truth, 400) })
+            Ok(Case { name, scene, reference, oracle: Oracle::new(&truth, 100) })
         })
         .collect::<Result<_, Box<dyn Error>>>()?;
     println!(

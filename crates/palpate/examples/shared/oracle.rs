@@ -8,6 +8,8 @@ use rayon::prelude::*;
 
 /// Moved by an oracle's element the truth lies this close to itself, metres: a copy by it is worth having.
 const TRUE: f64 = 1.5e-3;
+/// From farther than this a candidate is not fitted, metres.
+const NEAR: f64 = 8e-3;
 /// Planes with normals closer than this are one (cosine).
 const SAME: f64 = 0.99;
 /// At most this many planes, as for the search.
@@ -145,7 +147,7 @@ impl SymmetryEstimator for Oracle {
         let found = EvidenceSearch::default().estimate(evidence);
         let candidates = found.accepted.iter().chain(&found.rejected).map(|h| &h.element);
         let mut fitted: Vec<(SymmetryElement, f64)> =
-            candidates.map(|e| self.fitted(e)).filter(|f| f.1 < TRUE).collect();
+            candidates.filter(|e| self.error(e) < NEAR).map(|e| self.fitted(e)).filter(|f| f.1 < TRUE).collect();
         fitted.sort_by(|a, b| a.1.total_cmp(&b.1));
         let mut accepted: Vec<Hypothesis> = Vec::new();
         for (element, _) in fitted {
