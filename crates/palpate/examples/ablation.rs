@@ -8,17 +8,17 @@
 
 #[path = "shared/counts.rs"]
 mod counts;
-#[path = "shared/oracle.rs"]
-mod oracle;
+#[path = "shared/true_symmetry.rs"]
+mod true_symmetry;
 
 use counts::touch_counts;
-use oracle::Oracle;
 use palpate::io::{SceneFile, read_mesh, read_scene};
 use palpate::metrics::{CompareParams, TruthReference};
 use palpate::pipeline::{ReconstructParams, Stages, reconstruct};
-use palpate::symmetry::{Symmetry, SymmetryEstimator};
+use palpate::symmetry::{EvidenceSearch, Hypothesis, Score, Symmetry, SymmetryElement, SymmetryEstimator};
 use rayon::prelude::*;
 use std::error::Error;
+use true_symmetry::TrueSymmetry;
 
 /// Accepts nothing.
 struct Nothing;
@@ -26,6 +26,32 @@ struct Nothing;
 impl SymmetryEstimator for Nothing {
     fn estimate(&self, _: &palpate::evidence::Evidence) -> Symmetry {
         Symmetry::default()
+    }
+}
+
+/// Candidates are fitted from no farther than this, metres.
+const NEAR: f64 = 8e-3;
+/// At most this many planes, as for the search.
+const PLANES: usize = 4;
+
+/// Fits the candidates of the evidence search to the true mesh and accepts those by which it lies on itself: an upper bound of what an estimator can give.
+struct Oracle(TrueSymmetry);
+
+impl SymmetryEstimator for Oracle {
+    fn estimate(&self, evidence: &palpate::evidence::Evidence) -> Symmetry {
+        let found = EvidenceSearch::default().estimate(evidence);
+        let candidates = found.accepted.iter().chain(&found.rejected).map(|h| h.element);
+        let near: Vec<SymmetryElement> = candidates.filter(|e| self.0.error(e) < NEAR).collect();
+        let mut planes = 0;
+        let mut accepted = Vec::new();
+        for element in self.0.fitted(&near) {
+            planes += usize::from(matches!(element, SymmetryElement::Reflection(_)));
+            if planes <= PLANES {
+                let score = Score { support: 1.0, informative: 1.0, ..Score::default() };
+                accepted.push(Hypothesis { element, score, confidence: 1.0, covariance: None, rejection: None });
+            }
+        }
+        Symmetry { accepted, rejected: Vec::new() }
     }
 }
 
@@ -109,7 +135,7 @@ fn main() -> Result<(), Box<dyn Error>> {
             let reference =
                 TruthReference::new(&truth, &CompareParams { samples: 30_000, ..CompareParams::default() })?;
             let name = folder.rsplit('/').next().unwrap_or(folder).to_owned();
-            Ok(Case { name, scene, reference, oracle: Oracle::new(&truth, 100) })
+            Ok(Case { name, scene, reference, oracle: Oracle(TrueSymmetry::new(&truth, 100)) })
         })
         .collect::<Result<_, Box<dyn Error>>>()?;
     println!(

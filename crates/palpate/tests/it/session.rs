@@ -65,7 +65,7 @@ fn followed_touches_agree_with_a_full_reconstruction_and_settle_to_it() {
     assert_eq!((followed.touches_used, followed.touches.len()), (5, 5));
     let knowledge = followed.knowledge.as_ref().expect("asked for");
     assert_eq!(knowledge.sigma.len(), followed.mesh.vertices.len());
-    // What touches say of places far from them, by symmetries or by what is outside, is learnt when it is settled; around them it is followed.
+    // What touches say of places far from them, by symmetries or through the coarse grids, is learnt when it is settled; around them it is followed.
     let (agree, before) = (iou(&followed.mesh, &full.mesh), iou(&untouched, &full.mesh));
     assert!(agree > before + 0.01, "IoU with the full one: {agree}; without touches {before}");
     let felt = &followed.felt.points;

@@ -42,7 +42,7 @@ pub struct ShellParams {
     pub thickest: f64,
     /// Spacing of the finest grid of a shell, metres.
     pub spacing: f64,
-    /// μ of a shell at most. Larger pulls its two faces apart where they are close.
+    /// μ of a shell at most. Larger pulls its two faces into one where they are close.
     pub smoothness: f64,
 }
 
@@ -94,22 +94,26 @@ impl ImplicitParams {
     /// # Errors
     /// [`SurfaceError::InvalidParameter`] names the first that is out of range.
     pub fn validate(&self) -> Result<(), SurfaceError> {
-        let rules: [(&'static str, f64, f64); 11] = [
+        let rules: [(&'static str, f64, f64); 15] = [
             ("implicit.spacing", self.spacing, f64::MIN_POSITIVE),
             ("implicit.dense_cells", self.dense_cells as f64, 1000.0),
             ("implicit.max_nodes", self.max_nodes as f64, 1000.0),
             ("implicit.smoothness", self.smoothness, f64::MIN_POSITIVE),
+            ("implicit.free_weight", self.free_weight, 0.0),
             ("implicit.sample_spacing", self.sample_spacing, 1e-3),
             ("implicit.band_cells", self.band_cells as f64, 1.0),
             ("implicit.tolerance", self.tolerance, f64::MIN_POSITIVE),
             ("implicit.shell.spacing", self.shell.spacing, f64::MIN_POSITIVE),
             ("implicit.shell.smoothness", self.shell.smoothness, f64::MIN_POSITIVE),
             ("implicit.shell.wall", self.shell.wall.unwrap_or(1.0), f64::MIN_POSITIVE),
+            ("implicit.prior.winding_weight", self.prior.winding_weight, 0.0),
+            ("implicit.prior.winding_sure_weight", self.prior.winding_sure_weight, 0.0),
+            ("implicit.prior.hull_weight", self.prior.hull_weight, 0.0),
             ("implicit.prior.winding_sample_spacing", self.prior.winding_sample_spacing, f64::MIN_POSITIVE),
         ];
         for (field, value, least) in rules {
             if !(value.is_finite() && value >= least) {
-                let rule = "must be finite and large enough (positive; counts of cells and nodes at least 1000)";
+                let rule = "must be finite and large enough (positive; weights at least 0; counts of cells and nodes at least 1000)";
                 return Err(SurfaceError::InvalidParameter { field, value: value.to_string(), rule });
             }
         }

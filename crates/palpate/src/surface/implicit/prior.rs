@@ -143,23 +143,12 @@ mod tests {
 
     #[test]
     fn only_far_under_the_threshold_the_outside_is_sure() {
-        let facing = |z: f64| WeightedSample {
-            position: Point::new(0.0, 0.0, 0.0),
-            normal: Vector::z() * z,
-            weight: 1.0,
-            orientation: 1.0,
-        };
-        let winding = Winding::new(&[facing(1.0)], 0.01);
-        let level =
-            Level::covering(&Aabb { min: Point::new(-0.01, -0.01, -0.01), max: Point::new(0.01, 0.01, 0.01) }, 0.01);
-        let at = |threshold: f64| {
-            let params = PriorParams { winding_threshold: threshold, ..PriorParams::default() };
-            let n = level.index(0, 0, 0);
-            let u = f64::from(winding.at(&level.position(0, 0, 0)));
-            (weights(&level, &winding, None, &params)[n], u)
-        };
-        let (_, u) = at(0.0);
+        let (position, normal) = (Point::origin(), Vector::z());
+        let winding = Winding::new(&[WeightedSample { position, normal, weight: 1.0, orientation: 1.0 }], 0.01);
+        let corner = Point::new(0.01, 0.01, 0.01);
+        let level = Level::covering(&Aabb { min: -corner, max: corner }, 0.01);
         let params = PriorParams::default();
+        let u = f64::from(winding.at(&level.position(0, 0, 0)));
         for (under, wanted) in [
             (-0.05, 0.0),
             (0.05, 0.5 * params.winding_weight),
@@ -167,7 +156,8 @@ mod tests {
             (0.15, params.winding_weight + 0.5 * params.winding_sure_weight),
             (0.4, params.winding_weight + params.winding_sure_weight),
         ] {
-            let (weight, _) = at(u + under);
+            let params = PriorParams { winding_threshold: u + under, ..params.clone() };
+            let weight = weights(&level, &winding, None, &params)[level.index(0, 0, 0)];
             assert!(
                 (f64::from(weight) - wanted).abs() < 1e-3 * params.winding_sure_weight,
                 "{under}: {weight}, not {wanted}"

@@ -1,41 +1,33 @@
 //! How right are the accepted symmetries? Simulates scenes of meshes, estimates, and moves the true mesh by what was accepted.
 //!
-//! `cargo run --release --example symmetry_report -- [--views 3] [--touches 0,20] [--verbose] MESH.ply...`
+//! `cargo run --release --example symmetry_report -- [--views 3] [--touches 0,20] [--verbose] [--f1] MESH.ply...`
 //!
 //! The error of a hypothesis is the mean distance of the moved truth to the truth: right below 2.5 mm, bad from 4 mm on.
 //!
 //! `--f1` also fits the symmetries of the true mesh (1.5 mm; seconds an object) and tells precision, recall and F1 of the accepted ones by SymmetryNet's measure,
 //! over thresholds of the confidence. What a true axis or centre implies (a plane that holds it) is right and is asked of nobody.
 
-#[path = "shared/counts.rs"]
+#[path = "../shared/counts.rs"]
 mod counts;
-
-#[path = "shared/oracle.rs"]
-mod oracle;
+mod f1;
+#[path = "../shared/true_symmetry.rs"]
+mod true_symmetry;
 
 use counts::touch_counts;
-use oracle::Oracle;
+use f1::Found;
 use palpate::camera::{SegmentParams, segment_object};
 use palpate::evidence::{Evidence, EvidenceParams};
-use palpate::geometry::{Bvh, Point, TriangleMesh};
-use palpate::metrics::SurfaceSamples;
+use palpate::geometry::TriangleMesh;
 use palpate::simulate::{SimulateParams, SimulatedScene, simulate_scene};
 use palpate::symmetry::{EvidenceSearch, Hypothesis, SymmetryElement, SymmetryEstimator as _};
 use palpate::tactile::{LiftParams, Patch, lift};
 use std::error::Error;
 use std::path::Path;
 use std::time::Instant;
+use true_symmetry::TrueSymmetry;
 
 const RIGHT: f64 = 2.5e-3;
 const BAD: f64 = 4e-3;
-
-/// Mean distance of the moved truth to the truth, metres.
-fn error(truth: &Bvh, samples: &[Point], element: &SymmetryElement) -> f64 {
-    let motions = element.motions(7);
-    let distance = |p: &Point| truth.closest_point(p).map_or(f64::INFINITY, |s| s.distance);
-    let sum: f64 = motions.iter().map(|m| samples.iter().map(|p| distance(&m.point(p))).sum::<f64>()).sum();
-    sum / (motions.len() * samples.len()) as f64
-}
 
 fn patches(scene: &SimulatedScene, touches: usize) -> Vec<Patch> {
     let Some(sensor) = &scene.scene.sensor else { return Vec::new() };
@@ -79,43 +71,7 @@ struct Tally {
     best: Vec<f64>,
     all: Vec<f64>,
     seconds: [f64; 2],
-    /// Of each accepted hypothesis: confidence, and whether it is right by SymmetryNet's measure.
-    predicted: Vec<(f64, bool)>,
-    /// Of each true element: the confidence of the best hypothesis that finds it, or none.
-    wanted: Vec<Option<f64>>,
-}
-
-impl Tally {
-    /// Compares with the elements of the truth.
-    fn judge(&mut self, accepted: &[Hypothesis], errors: &[f64], oracle: &Oracle, elements: &[SymmetryElement]) {
-        let implied = |e: &SymmetryElement, error: f64| {
-            let of_more = |t: &SymmetryElement| match (t, e) {
-                (SymmetryElement::Sphere { .. }, _) => true,
-                (SymmetryElement::Axis { direction, .. }, SymmetryElement::Reflection(plane)) => {
-                    plane.normal.dot(direction).abs() < 0.1
-                }
-                _ => false,
-            };
-            error < RIGHT && elements.iter().any(of_more)
-        };
-        for (h, &error) in accepted.iter().zip(errors) {
-            let right = elements.iter().any(|t| oracle.matches(&h.element, t)) || implied(&h.element, error);
-            self.predicted.push((h.confidence, right));
-        }
-        for t in elements {
-            let finders = accepted.iter().filter(|h| oracle.matches(&h.element, t)).map(|h| h.confidence);
-            self.wanted.push(finders.max_by(f64::total_cmp));
-        }
-    }
-
-    /// Precision, recall and F1 from a confidence on.
-    fn f1(&self, least: f64) -> [f64; 3] {
-        let share = |right: usize, all: usize| right as f64 / all.max(1) as f64;
-        let taken: Vec<bool> = self.predicted.iter().filter(|p| p.0 >= least).map(|p| p.1).collect();
-        let precision = share(taken.iter().filter(|r| **r).count(), taken.len());
-        let recall = share(self.wanted.iter().filter(|w| w.is_some_and(|c| c >= least)).count(), self.wanted.len());
-        [precision, recall, 2.0 * precision * recall / (precision + recall).max(1e-9)]
-    }
+    found: Found,
 }
 
 fn main() -> Result<(), Box<dyn Error>> {
@@ -134,19 +90,17 @@ fn main() -> Result<(), Box<dyn Error>> {
     for file in &files {
         let name = Path::new(file).file_stem().and_then(|s| s.to_str()).unwrap_or("object").to_owned();
         let mesh: TriangleMesh = palpate::io::read_mesh(file)?;
-        let mut oracle: Option<(Oracle, Vec<SymmetryElement>)> = None;
+        let mut elements: Option<Vec<SymmetryElement>> = None;
         for view in 0..views {
             let mut params = SimulateParams { view, ..SimulateParams::default() };
             params.touch.count = counts.iter().copied().max().unwrap_or(0);
             let scene = simulate_scene(&name, &mesh, &params)?;
-            let truth = Bvh::new(&scene.truth);
-            let samples = SurfaceSamples::draw(&scene.truth, 600, 1).points;
+            let truth = TrueSymmetry::new(&scene.truth, 600);
             // Every view of an object has it in the same place.
-            if f1 && oracle.is_none() {
-                let own = Oracle::new(&scene.truth, 100);
-                let elements = oracle::elements(&own);
-                println!("{name}: {}", elements.iter().map(SymmetryElement::kind).collect::<Vec<_>>().join(", "));
-                oracle = Some((own, elements));
+            if f1 && elements.is_none() {
+                let found = f1::elements(&TrueSymmetry::new(&scene.truth, 100));
+                println!("{name}: {}", found.iter().map(SymmetryElement::kind).collect::<Vec<_>>().join(", "));
+                elements = Some(found);
             }
             let visible = segment_object(&scene.scene.frame, &SegmentParams::default())?;
             for (count, tally) in counts.iter().zip(&mut tallies) {
@@ -156,7 +110,7 @@ fn main() -> Result<(), Box<dyn Error>> {
                 let gathered = start.elapsed().as_secs_f64();
                 let symmetry = EvidenceSearch::default().estimate(&evidence);
                 let seconds = start.elapsed().as_secs_f64() - gathered;
-                let errors: Vec<f64> = symmetry.accepted.iter().map(|h| error(&truth, &samples, &h.element)).collect();
+                let errors: Vec<f64> = symmetry.accepted.iter().map(|h| truth.error(&h.element)).collect();
                 let best = errors.iter().copied().fold(f64::INFINITY, f64::min);
                 let bad = errors.iter().filter(|e| **e >= BAD).count();
                 let flag = if best >= RIGHT {
@@ -176,11 +130,11 @@ fn main() -> Result<(), Box<dyn Error>> {
                 );
                 if verbose {
                     symmetry.accepted.iter().zip(&errors).for_each(|(h, e)| println!("{}", describe(h, *e)));
-                    let show = |h: &Hypothesis| println!("{}", describe(h, error(&truth, &samples, &h.element)));
+                    let show = |h: &Hypothesis| println!("{}", describe(h, truth.error(&h.element)));
                     symmetry.rejected.iter().for_each(show);
                 }
-                if let Some((oracle, elements)) = &oracle {
-                    tally.judge(&symmetry.accepted, &errors, oracle, elements);
+                if let Some(elements) = &elements {
+                    tally.found.add(&symmetry.accepted, &truth, elements, RIGHT);
                 }
                 tally.runs += 1;
                 tally.right += usize::from(best < RIGHT);
@@ -206,8 +160,8 @@ fn main() -> Result<(), Box<dyn Error>> {
             t.seconds[1] / t.runs as f64 * 1e3
         );
         if f1 {
-            let [precision, recall, all] = t.f1(0.0);
-            let best = (0..100).map(|i| t.f1(f64::from(i) / 100.0)[2]).fold(0.0, f64::max);
+            let [precision, recall, all] = t.found.from(0.0);
+            let best = (0..100).map(|i| t.found.from(f64::from(i) / 100.0)[2]).fold(0.0, f64::max);
             println!(
                 "    precision {precision:.3}, recall {recall:.3}, F1 {all:.3}; greatest over the confidence {best:.3}"
             );
