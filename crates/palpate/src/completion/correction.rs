@@ -27,6 +27,7 @@ const GRID: Grid = Grid {
     lengths: &[15e-3, 30e-3, 60e-3, 120e-3],
     noises: &[2.5e-4, 5e-4, 1e-3],
     usual: 1e-3,
+    across: 1.0,
     or_noise: true,
 };
 

@@ -22,13 +22,17 @@ pub(super) struct Grid {
     pub(super) noises: &'static [f64],
     /// Mean of the exponential prior of σ.
     pub(super) usual: f64,
+    /// How much farther apart places are along their normals than along the surface.
+    pub(super) across: f64,
     /// Whether 0 everywhere, but for noise, is an answer too.
     pub(super) or_noise: bool,
 }
 
 /// A quantity known at some places of a surface, carried over to others: a Gaussian process of mean 0 over position and normal.
 ///
-/// k = σ² w(|Δp| / ℓ) ((1 + n·n') / 2)², w(d) = (1 − d)₊⁴ (4 d + 1). σ, ℓ and the noise are those of greatest posterior density.
+/// k = σ² w(|Δp| / ℓ) ((1 + n·n') / 2)², w(d) = (1 − d)₊⁴ (4 d + 1), where the part of Δp along the normals, the greater of the two, counts
+/// `across` times. σ, ℓ and the noise are those of greatest posterior density. With `across` ≠ 1 that is no covariance for every set of places;
+/// where the matrix is not positive definite, the hyperparameters are passed over.
 ///
 /// # References
 /// Rasmussen & Williams, *Gaussian Processes for Machine Learning*, 2006, eq. 2.23–2.26, 2.30, 5.8; Wendland, *Piecewise polynomial,
@@ -39,6 +43,7 @@ pub(super) struct Kriging {
     weights: DVector<f64>,
     root: Cholesky<f64, Dyn>,
     length: f64,
+    across: f64,
     variance: f64,
 }
 
@@ -55,7 +60,7 @@ impl Kriging {
         let mut densest = noises.map(alone).fold(f64::NEG_INFINITY, f64::max);
         let mut best = None;
         for &length in grid.lengths {
-            let correlation = DMatrix::from_fn(n, n, |i, j| correlation(&anchors[i], &anchors[j], length));
+            let correlation = DMatrix::from_fn(n, n, |i, j| correlation(&anchors[i], &anchors[j], length, grid.across));
             for (&sigma, &noise) in grid.sigmas.iter().flat_map(|s| grid.noises.iter().map(move |n| (s, n))) {
                 let mut covariance = &correlation * (sigma * sigma);
                 (0..n).for_each(|i| covariance[(i, i)] += noise * noise);
@@ -70,20 +75,21 @@ impl Kriging {
             }
         }
         let (weights, root, length, variance) = best?;
-        Some(Self { anchors, weights, root, length, variance })
+        Some(Self { anchors, weights, root, length, across: grid.across, variance })
     }
 
     /// The mean at a place.
     pub(super) fn mean(&self, at: &Place) -> f64 {
         let sum = self.anchors.iter().zip(self.weights.iter());
-        self.variance * sum.map(|(anchor, weight)| weight * correlation(anchor, at, self.length)).sum::<f64>()
+        self.variance
+            * sum.map(|(anchor, weight)| weight * correlation(anchor, at, self.length, self.across)).sum::<f64>()
     }
 
     /// The mean, and the share of the process' variance that is left, 0–1. O(anchors²).
     pub(super) fn mean_and_doubt(&self, at: &Place) -> (f64, f64) {
         let k = DVector::from_iterator(
             self.anchors.len(),
-            self.anchors.iter().map(|anchor| self.variance * correlation(anchor, at, self.length)),
+            self.anchors.iter().map(|anchor| self.variance * correlation(anchor, at, self.length, self.across)),
         );
         let explained = k.dot(&self.root.solve(&k));
         (k.dot(&self.weights), (1.0 - explained / self.variance).clamp(0.0, 1.0))
@@ -97,8 +103,10 @@ fn density(values: &DVector<f64>, solved: &DVector<f64>, log_determinant: f64) -
     -0.5 * (values.dot(solved) + log_determinant)
 }
 
-fn correlation(a: &Place, b: &Place, length: f64) -> f64 {
-    let squared = (a.0 - b.0).norm_squared();
+fn correlation(a: &Place, b: &Place, length: f64, across: f64) -> f64 {
+    let apart = a.0 - b.0;
+    let along = apart.dot(&a.1).powi(2).max(apart.dot(&b.1).powi(2));
+    let squared = apart.norm_squared() + (across * across - 1.0) * along;
     if squared >= length * length {
         return 0.0;
     }
@@ -132,8 +140,14 @@ fn averaged(observed: &[(Place, f64)]) -> (Vec<Place>, DVector<f64>) {
 mod tests {
     use super::*;
 
-    const GRID: Grid =
-        Grid { sigmas: &[0.5, 1.0, 2.0], lengths: &[0.03, 0.1], noises: &[0.05, 0.3], usual: 1.0, or_noise: true };
+    const GRID: Grid = Grid {
+        sigmas: &[0.5, 1.0, 2.0],
+        lengths: &[0.03, 0.1],
+        noises: &[0.05, 0.3],
+        usual: 1.0,
+        across: 1.0,
+        or_noise: true,
+    };
 
     fn place(x: f64) -> Place {
         (Point::new(x, 0.0, 0.0), Vector::z())

@@ -7,6 +7,7 @@ mod eliminate;
 mod follow;
 mod follow_pose;
 mod guess_sigma;
+mod inscribed;
 mod kriging;
 mod motion;
 mod orbit;

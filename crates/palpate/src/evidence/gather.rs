@@ -1,3 +1,4 @@
+use super::contour::{ContourPoint, occluding_contour};
 use super::{
     EvidenceError, EvidenceParams, FreeSpace, Provenance, Sample, SampleIndex, average_in_voxels, pose_sigma_at,
 };
@@ -18,6 +19,8 @@ pub struct Evidence {
     pub samples: Vec<Sample>,
     /// Every measured point, not averaged: seen ones row by row, then felt ones touch by touch.
     pub measured: Vec<Sample>,
+    /// Where the surface turns away from the camera.
+    pub contour: Vec<ContourPoint>,
     /// Nearest-sample look-up over `samples`.
     pub index: SampleIndex,
     /// The space that is proven free.
@@ -78,6 +81,7 @@ impl Evidence {
         let free_space = FreeSpace::new(frame, visible, patches, covariances, &samples, params);
         Ok(Self {
             index: SampleIndex::new(&samples, INDEX_SPACING, INDEX_REACH),
+            contour: occluding_contour(frame, visible, params.depth_jump),
             bounds: free_space.hull_bounds(),
             free_space,
             support: visible.support,

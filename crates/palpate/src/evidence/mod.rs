@@ -3,6 +3,7 @@
 //! [`Evidence::gather`] joins the camera's view and the touches into one structure that the symmetry search, the filters of
 //! the completion and the fusion all read. Nothing in it is a guess.
 
+mod contour;
 mod follow;
 mod free_space;
 mod gather;
@@ -17,6 +18,7 @@ mod samples;
 pub(crate) mod testing;
 mod thin;
 
+pub use contour::ContourPoint;
 pub use free_space::FreeSpace;
 pub use gather::Evidence;
 pub use index::{Match, SampleIndex};

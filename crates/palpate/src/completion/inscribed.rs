@@ -1,0 +1,98 @@
+use super::kriging::Place;
+use crate::evidence::{ContourPoint, Provenance, Sample};
+use crate::geometry::{KdTree, Point};
+use rayon::prelude::*;
+
+/// The largest ball looked for, metres.
+const LARGEST: f64 = 60e-3;
+/// Balls smaller than this are the outline's blur: diameter, metres.
+const BLUR: f64 = 2e-3;
+/// The side opposite to the contour faces away from it: greatest cosine between the two normals.
+const TURNED: f64 = -0.3;
+/// A sample within this share of the radius shows that the ball crosses a surface. Not 1: an edge beside the contour cuts the ball's rim.
+const CORE: f64 = 0.6;
+
+/// A ball inside the object that touches its surface at the occluding contour and at a sample opposite.
+pub(super) struct Ball {
+    center: Point,
+    /// Metres: how thick the part is at `opposite`.
+    pub(super) diameter: f64,
+    /// The sample.
+    pub(super) opposite: Place,
+}
+
+impl Ball {
+    /// Whether a point is within `share` of the radius.
+    pub(super) fn holds(&self, p: &Point, share: f64) -> bool {
+        (p - self.center).norm() < 0.5 * share * self.diameter
+    }
+}
+
+/// The balls at the contour: each shrunk until no measured sample that faces away is inside.
+///
+/// The camera sees a part's near side up to the contour and, beyond it, nothing: what it saw of the part ends there, so its far side begins.
+/// The ball that touches the surface at the contour with the normal known there, and a side opposite, has the part's thickness for diameter,
+/// whether the edge between is sharp or round.
+///
+/// # References
+/// Ma, Bae & Choi, *3D medial axis point approximation using nearest neighbors and the normal field*, The Visual Computer 28, 2012,
+/// eq. 1. Departure: samples of the same side do not shrink the ball, as their noise would; they may only forbid it.
+///
+/// O(contour · samples within 60 mm).
+pub(super) fn inscribed_balls(contour: &[ContourPoint], samples: &[Sample], tree: &KdTree) -> Vec<Ball> {
+    let measured = |i: usize| !matches!(samples[i].provenance, Provenance::Moved { .. });
+    let ball = |c: &ContourPoint| {
+        let diameter = |i: usize| {
+            let (s, d) = (&samples[i], c.position - samples[i].position);
+            let depth = d.dot(&c.normal);
+            let opposite = depth > 0.0 && c.normal.dot(&s.normal) < TURNED && measured(i);
+            opposite.then(|| (i, d.norm_squared() / depth))
+        };
+        let near = tree.within(&c.position, LARGEST).into_iter();
+        let (i, diameter) = near.filter_map(|(i, _)| diameter(i)).min_by(|a, b| a.1.total_cmp(&b.1))?;
+        let ball = Ball {
+            center: c.position - c.normal * (0.5 * diameter),
+            diameter,
+            opposite: (samples[i].position, samples[i].normal),
+        };
+        let crossed = tree.within(&ball.center, CORE * 0.5 * diameter).into_iter().any(|(i, _)| measured(i));
+        (diameter > BLUR && !crossed).then_some(ball)
+    };
+    contour.par_iter().filter_map(ball).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::evidence::testing::{Solid, view};
+    use crate::evidence::{Evidence, EvidenceParams};
+    use crate::geometry::Vector;
+
+    fn diameters(solid: Solid) -> Vec<f64> {
+        let (frame, visible) = view(&[solid], 0.0);
+        let evidence = Evidence::gather(&frame, &visible, &[], &EvidenceParams::default()).expect("it is seen");
+        let points: Vec<Point> = evidence.samples.iter().map(|s| s.position).collect();
+        let balls = inscribed_balls(&evidence.contour, &evidence.samples, &KdTree::new(&points));
+        let mut diameters: Vec<f64> = balls.iter().map(|b| b.diameter).collect();
+        diameters.sort_unstable_by(f64::total_cmp);
+        diameters
+    }
+
+    #[test]
+    fn balls_at_the_edge_of_a_board_are_about_as_thick_as_it_is() {
+        for thickness in [0.006, 0.012] {
+            let half = Vector::new(0.05, 0.04, 0.5 * thickness);
+            let found = diameters(Solid::Box(Point::new(0.0, 0.0, 0.04), half, 0.3));
+            assert!(found.len() > 40, "{} balls", found.len());
+            // At a sharp edge, seen from 45°, the ball stands out of the wall beside it: up to 2 / (1 + sin 45°) times the thickness.
+            let (low, high) = (found[found.len() / 10], found[found.len() / 2]);
+            assert!(low > 0.8 * thickness && high < 1.3 * thickness, "{low}, {high} for {thickness}");
+        }
+    }
+
+    #[test]
+    fn a_block_holds_no_small_ball() {
+        let found = diameters(Solid::Box(Point::new(0.0, 0.0, 0.04), Vector::new(0.05, 0.04, 0.04), 0.3));
+        assert!(found.iter().all(|d| *d > 0.03), "{:?}", &found[..found.len().min(5)]);
+    }
+}
