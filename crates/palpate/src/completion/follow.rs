@@ -93,9 +93,10 @@ impl MovedEvidence {
         self.kept.retain(|_| !gone.next().copied().unwrap_or(false));
         let mut gone = out.iter();
         self.weights.retain(|_| !gone.next().copied().unwrap_or(false));
+        let gone = |s: &Sample| replaced(s) || ruled_out(s);
         let far: (Vec<Sample>, Vec<f64>) =
-            self.far_sides.iter().zip(&self.far_weights).filter(|(s, _)| !replaced(s)).map(|(s, w)| (*s, *w)).unzip();
-        dropped.extend(self.far_sides.iter().filter(|s| replaced(s)));
+            self.far_sides.iter().zip(&self.far_weights).filter(|(s, _)| !gone(s)).map(|(s, w)| (*s, *w)).unzip();
+        dropped.extend(self.far_sides.iter().filter(|s| gone(s)));
         (self.far_sides, self.far_weights) = far;
         dropped
     }

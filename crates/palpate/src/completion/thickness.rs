@@ -2,7 +2,7 @@ use super::copies::{copy_of, corrected};
 use super::inscribed::{Ball, inscribed_balls};
 use super::kriging::{Grid, Kriging, Place};
 use super::motion::Copying;
-use super::orbit::{Covered, MovedEvidence, OrbitParams, leaves_orbit};
+use super::orbit::{Covered, MovedEvidence, OrbitParams, in_free_space, leaves_orbit};
 use crate::evidence::{Evidence, Provenance, Sample, thinned};
 use crate::geometry::{KdTree, Point};
 use rayon::prelude::*;
@@ -57,10 +57,11 @@ const HEART: f64 = 0.7;
 /// of spatial distributions*, 1983): parts thicker than 20 mm keep a wing's thickness from the fuselage, and the lip of a can from its side.
 /// The accepted symmetries copy the guesses as they copy what was measured.
 ///
-/// Returns guesses and their weights: `params.weight`, less what the process does not know. O(samples · log samples).
+/// Returns guesses and their weights: `params.weight`, less what the process does not know; of copies, that of the symmetry, less the mean of it.
+/// O(samples · (log samples + cells²) + guesses · copyings · log samples), at most 150 cells.
 pub(super) fn far_sides(evidence: &Evidence, moved: &MovedEvidence, params: &OrbitParams) -> (Vec<Sample>, Vec<f64>) {
     let surface = Surface::new(thinned(evidence.samples.iter().chain(&moved.kept), CELL));
-    let balls = inscribed_balls(&evidence.contour, &surface.samples, &surface.tree);
+    let balls = inscribed_balls(&evidence.contour, &surface.samples);
     let Some(thickness) = Thickness::learn(&surface, &balls) else { return Default::default() };
     let covered = Covered::new(&surface.samples, params);
     let vacant = |far: &Sample| {
@@ -74,9 +75,9 @@ pub(super) fn far_sides(evidence: &Evidence, moved: &MovedEvidence, params: &Orb
         let (depth, doubt) = thickness.at(&place(&near))?;
         let position = near.position - near.normal * depth;
         let far = Sample { position, normal: -near.normal, sigma: near.sigma.hypot(2e-3), ..near };
-        let thick = balls.iter().any(|b| b.diameter > THICKEST && b.holds(&position, HEART));
-        let fits = doubt <= DOUBT && !thick && surface.is_flat(&near, depth) && !surface.is_otherwise(&near, depth);
-        (fits && vacant(&far)).then_some(Guess { near, far, depth, sure: 1.0 - doubt })
+        let in_thick = || balls.iter().any(|b| b.diameter > THICKEST && b.holds(&position, HEART));
+        let fits = doubt <= DOUBT && surface.is_flat(&near, depth) && !surface.is_otherwise(&near, depth);
+        (fits && vacant(&far) && !in_thick()).then_some(Guess { near, far, depth, sure: 1.0 - doubt })
     };
     let made: Vec<Option<Guess>> = (0..surface.samples.len()).into_par_iter().map(guess).collect();
     let guesses: Vec<&Guess> = made.iter().flatten().collect();
@@ -90,7 +91,11 @@ pub(super) fn far_sides(evidence: &Evidence, moved: &MovedEvidence, params: &Orb
         let belongs = |g: &&&Guess| !leaves(&g.near) && !leaves(&g.far) && surface.agrees(g, &copyings, &made);
         let copied: Vec<&Guess> = guesses.par_iter().filter(belongs).copied().collect();
         let copy = |g: &Guess, (m, copying): &(u32, &Copying)| {
-            let [near, far] = [&g.near, &g.far].map(|s| corrected(copy_of(s, copying, *m), correction));
+            let near = copy_of(&g.near, copying, *m);
+            if correction.refutes(&near.position) || in_free_space(evidence, &near.position, params) {
+                return None;
+            }
+            let [near, far] = [near, copy_of(&g.far, copying, *m)].map(|s| corrected(s, correction));
             (!surface.is_otherwise(&near, g.depth) && vacant(&far)).then_some(far)
         };
         let copies: Vec<Sample> =
@@ -196,7 +201,11 @@ impl Surface {
                 let depth = -d.dot(&s.normal);
                 let beside = (d + s.normal * depth).norm();
                 let away = other.normal.dot(&s.normal) < AWAY;
-                if away && depth > 0.5 * THINNEST && beside < WIDTH && best.is_none_or(|b| depth < b.depth) {
+                if away
+                    && (0.5 * THINNEST..FARTHEST).contains(&depth)
+                    && beside < WIDTH
+                    && best.is_none_or(|b| depth < b.depth)
+                {
                     best = Some(Side { depth, felt: s.is_felt() || other.is_felt() });
                 }
             }
@@ -212,7 +221,7 @@ impl Surface {
         })
     }
 
-    /// Whether parts are as thick as a guess says wherever the copyings put it on a measured surface: at half of these places, at least. The
+    /// Whether parts are known to be as thick as a guess says where the copyings put it on a measured surface: at half of these places, at least. The
     /// lip of a can is thin at one place and nothing of the kind at the others that it is turned to.
     ///
     /// * `guesses` – of each sample

@@ -60,7 +60,7 @@ pub struct EvidenceParams {
     pub silhouette_margin_px: f64,
     /// Depth given up in front of the measured surface, metres. Larger: less free space. Half a σ of the default camera.
     pub depth_margin: f64,
-    /// Jump of depth within 3×3 pixels from which the nearer surface bounds the free space, metres.
+    /// Jump of depth within 3×3 pixels from which the nearer surface bounds the free space and has its occluding contour, metres.
     pub depth_jump: f64,
     /// Thickness of the free layer behind the untouched gel, metres. Larger: more free space per touch, up to the pad's real thickness.
     pub pad_thickness: f64,
