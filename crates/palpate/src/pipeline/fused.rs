@@ -3,7 +3,7 @@ use super::trust::{Settled, settle};
 use super::uncertainty::{Guesses, vertex_knowledge};
 use super::{ReconstructError, ReconstructParams, Surface, VertexKnowledge, WeightParams, color, stages as step};
 use crate::camera::{Visible, segment_object};
-use crate::completion::{MovedEvidence, OrbitParams, move_evidence};
+use crate::completion::{MovedEvidence, move_evidence};
 use crate::evidence::{Evidence, Sample};
 use crate::geometry::{PointCloud, TriangleMesh};
 use crate::scene::Scene;
@@ -51,9 +51,7 @@ pub(super) fn reconstruct(
     let Settled { evidence, patches, touches, symmetry } =
         settle(scene, &visible, evidence, patches, params, stages, &mut warnings)?;
     stages.begin("move");
-    // Who states the wall knows better how thick it is than the contour does.
-    let far_sides = params.orbit.far_sides && params.implicit.shell.wall.is_none();
-    let moved = move_evidence(&evidence, &symmetry, &OrbitParams { far_sides, ..params.orbit.clone() });
+    let moved = move_evidence(&evidence, &symmetry, &params.moving());
 
     // Fuse and mesh: one function, weighted by what each sample is worth.
     stages.begin("fuse");

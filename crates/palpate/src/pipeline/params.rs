@@ -241,6 +241,12 @@ impl ReconstructParams {
         Ok(params)
     }
 
+    /// How the evidence is moved. Who states the wall knows better how thick it is than the contour does: far sides are not guessed then.
+    pub(super) fn moving(&self) -> OrbitParams {
+        let far_sides = self.orbit.far_sides && self.implicit.shell.wall.is_none();
+        OrbitParams { far_sides, ..self.orbit.clone() }
+    }
+
     /// The surface that will be used.
     pub fn surface(&self) -> Surface {
         self.surface.unwrap_or(match self.method {
@@ -263,6 +269,14 @@ mod tests {
         for (sigma, wanted) in [(4e-3, 0.25), (2e-3, 1.0), (5e-4, 1.0), (2.25e-4, 4.0), (8e-5, 31.64), (0.0, 32.0)] {
             assert!((weight.of(sigma) - wanted).abs() < 0.01, "{sigma}: {}", weight.of(sigma));
         }
+    }
+
+    #[test]
+    fn a_stated_wall_leaves_no_far_side_to_guess() {
+        let mut params = ReconstructParams::default();
+        assert_eq!(params.moving(), params.orbit);
+        params.implicit.shell.wall = Some(1e-3);
+        assert_eq!(params.moving(), OrbitParams { far_sides: false, ..params.orbit.clone() });
     }
 
     #[test]
