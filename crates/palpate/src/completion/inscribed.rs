@@ -1,8 +1,7 @@
 use super::kriging::Place;
-use crate::evidence::{ContourPoint, Provenance, Sample, cell_and_side};
+use crate::evidence::{ContourPoint, Provenance, Sample, firsts};
 use crate::geometry::{KdTree, Point};
 use rayon::prelude::*;
-use std::collections::BTreeMap;
 
 /// Sides opposite are looked for this far from the contour, metres: a ball larger than this says "thick", not how thick.
 const REACH: f64 = 60e-3;
@@ -46,11 +45,7 @@ pub(super) fn inscribed_balls(contour: &[ContourPoint], samples: &[Sample]) -> V
     let samples: Vec<&Sample> = samples.iter().filter(|s| !matches!(s.provenance, Provenance::Moved { .. })).collect();
     let points: Vec<Point> = samples.iter().map(|s| s.position).collect();
     let tree = KdTree::new(&points);
-    let mut firsts = BTreeMap::new();
-    for c in contour {
-        firsts.entry(cell_and_side(&c.position, &c.normal, CELL)).or_insert(*c);
-    }
-    let contour: Vec<ContourPoint> = firsts.into_values().collect();
+    let contour = firsts(contour.iter(), CELL, |c| (c.position, c.normal));
     let ball = |c: &ContourPoint| {
         let diameter = |i: usize| {
             let (s, d) = (samples[i], c.position - samples[i].position);

@@ -4,10 +4,12 @@
 mod copies;
 mod correction;
 mod eliminate;
+mod far_sides;
 mod follow;
 mod follow_pose;
 mod guess_sigma;
 mod inscribed;
+mod known_sides;
 mod kriging;
 mod motion;
 mod orbit;

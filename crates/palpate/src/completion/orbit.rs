@@ -1,7 +1,7 @@
 use super::copies::{copies, corrected};
 use super::correction::{Correction, corrections};
+use super::far_sides::far_sides;
 use super::motion::{Copying, copyings, families};
-use super::thickness::far_sides;
 use crate::evidence::{Evidence, Sample};
 use crate::geometry::{KdTree, Point, Vector};
 use crate::symmetry::Symmetry;

@@ -25,5 +25,5 @@ pub use index::{Match, SampleIndex};
 pub use params::{EvidenceError, EvidenceParams};
 pub use pose::{pose_row, pose_sigma_at};
 pub use samples::{Provenance, Sample};
-pub(crate) use samples::{cell_and_side, thinned};
+pub(crate) use samples::{cell_and_side, firsts, thinned};
 pub use thin::average_in_voxels;

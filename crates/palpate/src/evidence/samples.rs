@@ -27,9 +27,21 @@ pub(crate) fn cell_and_side(p: &Point, normal: &Vector, size: f64) -> [i32; 6] {
 
 /// The first sample of each cell and side, ordered by them.
 pub(crate) fn thinned<'a>(samples: impl Iterator<Item = &'a Sample>, size: f64) -> Vec<Sample> {
+    firsts(samples, size, |s| (s.position, s.normal))
+}
+
+/// The first of each cell and side, ordered by them.
+///
+/// * `place` – position and normal
+pub(crate) fn firsts<'a, T: Copy + 'a>(
+    all: impl Iterator<Item = &'a T>,
+    size: f64,
+    place: impl Fn(&T) -> (Point, Vector),
+) -> Vec<T> {
     let mut firsts = BTreeMap::new();
-    for s in samples {
-        firsts.entry(cell_and_side(&s.position, &s.normal, size)).or_insert(*s);
+    for one in all {
+        let (position, normal) = place(one);
+        firsts.entry(cell_and_side(&position, &normal, size)).or_insert(*one);
     }
     firsts.into_values().collect()
 }
