@@ -54,8 +54,7 @@ pub(super) fn far_sides(evidence: &Evidence, moved: &MovedEvidence, params: &Orb
         let members: Vec<(u32, &Copying)> =
             (0..).zip(&moved.copyings).filter(|c| c.1.family as usize == family).collect();
         let weight = members.first().map_or(0.0, |(_, first)| params.weight_of(first)) * sure;
-        let copies = copies(evidence, &known, &guesses, &members, correction, params);
-        let copies: Vec<Sample> = copies.into_iter().filter(vacant).collect();
+        let copies = copies(evidence, &known, &guesses, &members, correction, params, vacant);
         out.extend(thinned(copies.iter(), COPIES).into_iter().map(|far| (far, weight)));
     }
     out.into_iter().unzip()
@@ -82,6 +81,7 @@ fn copies(
     members: &[(u32, &Copying)],
     correction: &Correction,
     params: &OrbitParams,
+    vacant: impl Fn(&Sample) -> bool + Sync,
 ) -> Vec<Sample> {
     let copyings: Vec<&Copying> = members.iter().map(|m| m.1).collect();
     let leaves = |s: &Sample| leaves_orbit(evidence, &copyings, &s.position, params);
@@ -93,8 +93,9 @@ fn copies(
             return None;
         }
         let [near, far] = [near, copy_of(&g.far, copying, *m)].map(|s| corrected(s, correction));
-        (!known.is_otherwise(&near, g.depth)).then_some(far)
+        (vacant(&far) && !known.is_otherwise(&near, g.depth)).then_some(far)
     };
+    let copy = &copy;
     members.par_iter().flat_map_iter(|m| copied.iter().filter_map(move |g| copy(g, m))).collect()
 }
 

@@ -55,10 +55,13 @@ impl KnownSides {
     /// The next surface straight into the body that faces away; `None` where no other side is known.
     fn far_side(&self, s: &Sample) -> Option<Side> {
         let mut best: Option<Side> = None;
-        let (mut reach, mut step) = (0.0, WIDTH);
-        while reach < FARTHEST && best.is_none_or(|b| b.depth > reach - 2.0 * step) {
-            (reach, step) = (reach + step, step.max(STRIDE * reach));
-            for (i, _) in self.tree.within(&(s.position - s.normal * reach), 1.5 * step) {
+        let mut searched = 0.0;
+        while searched < FARTHEST && best.is_none_or(|b| b.depth > searched) {
+            // A ball round the next piece of the line, as wide as that is.
+            let half = 0.5 * (STRIDE * searched).max(WIDTH);
+            let middle = s.position - s.normal * (searched + half);
+            searched += 2.0 * half;
+            for (i, _) in self.tree.within(&middle, half.hypot(WIDTH)) {
                 let other = &self.samples[i];
                 let d = other.position - s.position;
                 let depth = -d.dot(&s.normal);

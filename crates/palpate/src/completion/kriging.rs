@@ -1,6 +1,7 @@
 use crate::evidence::cell_and_side;
 use crate::geometry::{Point, Vector};
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
+use rayon::prelude::*;
 use std::collections::BTreeMap;
 
 /// At most this many anchors: fitting is cubic in them.
@@ -47,6 +48,9 @@ pub(super) struct Kriging {
     variance: f64,
 }
 
+/// Log density, weights, root of the covariance, length, variance.
+type Fit = (f64, DVector<f64>, Cholesky<f64, Dyn>, f64, f64);
+
 impl Kriging {
     /// `None` without observations, and where noise alone explains them at least as well if that is an answer. O(cells³), at most 150 cells.
     pub(super) fn fit(observed: &[(Place, f64)], grid: &Grid) -> Option<Self> {
@@ -57,9 +61,9 @@ impl Kriging {
         let n = anchors.len();
         let alone = |noise: &f64| density(&values, &values.scale(noise.powi(-2)), 2.0 * noise.ln() * n as f64);
         let noises = grid.noises.iter().take(if grid.or_noise { usize::MAX } else { 0 });
-        let mut densest = noises.map(alone).fold(f64::NEG_INFINITY, f64::max);
-        let mut best = None;
-        for &length in grid.lengths {
+        let noise_alone = noises.map(alone).fold(f64::NEG_INFINITY, f64::max);
+        let best_of = |&length: &f64| {
+            let (mut densest, mut best) = (noise_alone, None);
             let correlation = DMatrix::from_fn(n, n, |i, j| correlation(&anchors[i], &anchors[j], length, grid.across));
             for (&sigma, &noise) in grid.sigmas.iter().flat_map(|s| grid.noises.iter().map(move |n| (s, n))) {
                 let mut covariance = &correlation * (sigma * sigma);
@@ -70,11 +74,14 @@ impl Kriging {
                 let density = density(&values, &weights, log_determinant) - sigma / grid.usual;
                 if density > densest {
                     densest = density;
-                    best = Some((weights, root, length, sigma * sigma));
+                    best = Some((density, weights, root, length, sigma * sigma));
                 }
             }
-        }
-        let (weights, root, length, variance) = best?;
+            best
+        };
+        let of_lengths: Vec<_> = grid.lengths.par_iter().map(best_of).collect();
+        let denser = |a: Fit, b: Fit| if b.0 > a.0 { b } else { a };
+        let (_, weights, root, length, variance) = of_lengths.into_iter().flatten().reduce(denser)?;
         Some(Self { anchors, weights, root, length, across: grid.across, variance })
     }
 
