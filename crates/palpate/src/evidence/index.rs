@@ -1,6 +1,8 @@
 use super::Sample;
 use crate::geometry::{Aabb, Point, Vector, VoxelGrid};
 use rayon::prelude::*;
+use std::collections::BTreeMap;
+use std::ops::Range;
 
 /// No sample is near.
 const NONE: u32 = u32::MAX;
@@ -42,22 +44,27 @@ impl SampleIndex {
         let mut nodes = VoxelGrid::covering(&bounds, spacing, [NONE; 2]);
         let ([nx, ny, _], origin) = (nodes.dims(), nodes.origin());
         let normals: Vec<Vector> = samples.iter().map(|s| s.normal).collect();
-        let stack = Stack::new(samples.iter().map(|s| (s.position - origin) / spacing));
+        let cells = |s: &Sample| (s.position - origin) / spacing;
+        let all = Stack::new(samples.iter().map(cells).zip(0..));
+        let turning = turns_nearby(samples, 2.0 * reach + spacing);
+        let turning = Stack::new((0..).zip(samples).filter(|(i, _)| turning[*i as usize]).map(|(i, s)| (cells(s), i)));
         let radius = (reach / spacing) as f32;
         nodes.as_mut_slice().par_chunks_mut(nx * ny).enumerate().for_each(|(k, slab)| {
-            let mut best = vec![radius * radius; slab.len()];
-            stack.splat(k, [nx, ny], radius, &mut best, |node, i| {
-                slab[node][0] = i;
-                true
-            });
+            let (mut best, mut first) = (vec![radius * radius; slab.len()], vec![NONE; slab.len()]);
+            all.rows(k, [nx, ny], radius, |row| row.nearest(&mut best, &mut first));
+            slab.iter_mut().zip(&first).for_each(|(node, first)| node[0] = *first);
             best.fill(radius * radius);
-            stack.splat(k, [nx, ny], radius, &mut best, |node, i| {
-                let first = slab[node][0];
-                let other = first != NONE && normals[i as usize].dot(&normals[first as usize]) < OTHER_SIDE;
-                if other {
-                    slab[node][1] = i;
-                }
-                other
+            turning.rows(k, [nx, ny], radius, |row| {
+                let faces_away = |first: u32, i: u32| {
+                    first != NONE && normals[i as usize].dot(&normals[first as usize]) < OTHER_SIDE
+                };
+                row.nearest_where(&mut best, |node, i| {
+                    let other = faces_away(first[node], i);
+                    if other {
+                        slab[node][1] = i;
+                    }
+                    other
+                });
             });
         });
         Self { nodes }
@@ -136,30 +143,104 @@ fn with_sample([first, second]: [u32; 2], i: usize, samples: &[Sample], at: &Poi
     }
 }
 
+/// Which samples have one within `reach` that may face another way. Cells of a quarter of it are told apart by the cones that hold their normals:
+/// where the surface turns little, no sample is asked for a second side. O(samples + occupied cells · cells within reach).
+fn turns_nearby(samples: &[Sample], reach: f64) -> Vec<bool> {
+    let size = 0.25 * reach;
+    let key = |s: &Sample| [0, 1, 2].map(|a| (s.position[a] / size).floor() as i64);
+    let mut cells: BTreeMap<[i64; 3], Cone> = BTreeMap::new();
+    for s in samples {
+        cells.entry(key(s)).or_default().axis += s.normal;
+    }
+    cells.values_mut().for_each(|c| c.axis = c.axis.try_normalize(1e-9).unwrap_or_default());
+    for s in samples {
+        let cone = cells.entry(key(s)).or_default();
+        cone.half_angle = cone.half_angle.max(cone.axis.dot(&s.normal).clamp(-1.0, 1.0).acos());
+    }
+    let listed: Vec<([i64; 3], Cone)> = cells.iter().map(|(k, c)| (*k, *c)).collect();
+    let turns = |(at, cone): &([i64; 3], Cone)| {
+        // Five cells off, the nearest corners are four sizes apart.
+        let slab = cells.range([at[0] - 4, i64::MIN, i64::MIN]..=[at[0] + 4, i64::MAX, i64::MAX]);
+        let near = slab.filter(|(other, _)| (1..3).all(|a| (other[a] - at[a]).abs() <= 4));
+        near.into_iter().any(|(_, other)| !cone.agrees(other))
+    };
+    let turning: BTreeMap<[i64; 3], bool> =
+        listed.par_iter().map(|c| (c.0, turns(c))).collect::<Vec<_>>().into_iter().collect();
+    samples.iter().map(|s| turning[&key(s)]).collect()
+}
+
+/// A cone that holds the normals of a cell.
+#[derive(Debug, Clone, Copy, Default)]
+struct Cone {
+    axis: Vector,
+    half_angle: f64,
+}
+
+impl Cone {
+    /// Whether no normal of the one is another side to one of the other.
+    fn agrees(&self, other: &Self) -> bool {
+        let apart = self.axis.dot(&other.axis).clamp(-1.0, 1.0).acos();
+        apart + self.half_angle + other.half_angle < OTHER_SIDE.acos() - 1e-3
+    }
+}
+
 /// Positions in cells, from the lowest slab to the highest.
 struct Stack {
     /// Position and number of the sample.
     rising: Vec<([f32; 3], u32)>,
 }
 
+/// The nodes of one row that a sample reaches.
+struct Row {
+    /// Numbers of the nodes in the slab, and the first one's column.
+    nodes: Range<usize>,
+    column: usize,
+    /// The sample's column, and its squared distance from the row, cells.
+    at: f32,
+    beside: f32,
+    sample: u32,
+}
+
+impl Row {
+    /// Squared distances of the nodes, cells.
+    fn squared(&self) -> impl Iterator<Item = f32> + use<> {
+        let (column, at, beside) = (self.column, self.at, self.beside);
+        (0..self.nodes.len() as i32).map(move |x| {
+            let dx = (column as i32 + x) as f32 - at;
+            dx * dx + beside
+        })
+    }
+
+    /// Puts the sample where it is the nearest so far. No branch: several nodes at once.
+    fn nearest(&self, best: &mut [f32], nearest: &mut [u32]) {
+        let nodes = best[self.nodes.clone()].iter_mut().zip(&mut nearest[self.nodes.clone()]);
+        for ((best, nearest), squared) in nodes.zip(self.squared()) {
+            let closer = squared < *best;
+            *best = if closer { squared } else { *best };
+            *nearest = if closer { self.sample } else { *nearest };
+        }
+    }
+
+    /// The same where `take` accepts the sample: it is asked where that would be the nearest so far.
+    fn nearest_where(&self, best: &mut [f32], mut take: impl FnMut(usize, u32) -> bool) {
+        for (node, squared) in self.nodes.clone().zip(self.squared()) {
+            if squared < best[node] && take(node, self.sample) {
+                best[node] = squared;
+            }
+        }
+    }
+}
+
 impl Stack {
-    fn new(positions: impl Iterator<Item = Vector>) -> Self {
+    fn new(positions: impl Iterator<Item = (Vector, u32)>) -> Self {
         let mut rising: Vec<([f32; 3], u32)> =
-            positions.enumerate().map(|(i, c)| ([c.x as f32, c.y as f32, c.z as f32], i as u32)).collect();
+            positions.map(|(c, i)| ([c.x as f32, c.y as f32, c.z as f32], i)).collect();
         rising.sort_unstable_by(|a, b| a.0[2].total_cmp(&b.0[2]).then(a.1.cmp(&b.1)));
         Self { rising }
     }
 
-    /// Offers every sample to the nodes of slab `k` within `radius` cells; `take` says whether it is accepted where it is the nearest so far.
-    /// Ties go to the lower one, then to the smaller number.
-    fn splat(
-        &self,
-        k: usize,
-        [nx, ny]: [usize; 2],
-        radius: f32,
-        best: &mut [f32],
-        mut take: impl FnMut(usize, u32) -> bool,
-    ) {
+    /// Every sample's rows of slab `k` within `radius` cells. The lower one comes first, then the smaller number: ties are theirs.
+    fn rows(&self, k: usize, [nx, ny]: [usize; 2], radius: f32, mut visit: impl FnMut(&Row)) {
         let level = k as f32;
         let from = self.rising.partition_point(|s| s.0[2] <= level - radius);
         let to = self.rising.partition_point(|s| s.0[2] < level + radius);
@@ -170,12 +251,10 @@ impl Stack {
                 let dy = j as f32 - cy;
                 let beside = dy * dy + dz2;
                 let half = (radius * radius - beside).max(0.0).sqrt();
-                for x in within(cx, half, nx) {
-                    let dx = x as f32 - cx;
-                    let (squared, node) = (dx * dx + beside, j * nx + x);
-                    if squared < best[node] && take(node, i) {
-                        best[node] = squared;
-                    }
+                let columns = within(cx, half, nx);
+                if !columns.is_empty() {
+                    let nodes = j * nx + columns.start..j * nx + columns.end;
+                    visit(&Row { nodes, column: columns.start, at: cx, beside, sample: i });
                 }
             }
         }
@@ -183,7 +262,7 @@ impl Stack {
 }
 
 /// The whole numbers below `count` within `half` of `center`. Conversions round towards zero and saturate: no call of `floor`.
-fn within(center: f32, half: f32, count: usize) -> std::ops::Range<usize> {
+fn within(center: f32, half: f32, count: usize) -> Range<usize> {
     let (low, high) = (center - half, center + half);
     let first = low as usize + usize::from(low > (low as usize) as f32);
     let past = if high < 0.0 { 0 } else { high as usize + 1 };
