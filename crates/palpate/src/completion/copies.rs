@@ -6,7 +6,7 @@ use rayon::prelude::*;
 
 /// Copies of one family that share a cell of this side, and face the same way, become one, metres. An axis lays dozens of copies of every
 /// sample over one another, where the samples are a millimetre or two apart.
-const OVERLAP: f64 = 1e-3;
+const OVERLAP: f64 = 1.5e-3;
 
 /// The samples moved by the motions of one family, where symmetry puts them: those that stay in the orbit, overlapping ones averaged; and
 /// those of outcasts.
@@ -40,14 +40,14 @@ pub(super) fn corrected(copy: Sample, correction: &Correction) -> Sample {
 
 /// One sample for each cell and side, in their order: means, and the provenance of the first.
 fn averaged(copies: &[Sample]) -> Vec<Sample> {
-    let mut keyed: Vec<([i32; 6], u32)> = copies
+    let mut keyed: Vec<(u128, u32)> = copies
         .par_iter()
         .enumerate()
-        .map(|(i, s)| (cell_and_side(&s.position, &s.normal, OVERLAP), i as u32))
+        .map(|(i, s)| (packed(cell_and_side(&s.position, &s.normal, OVERLAP)), i as u32))
         .collect();
     keyed.par_sort_unstable();
-    let groups: Vec<&[([i32; 6], u32)]> = keyed.chunk_by(|a, b| a.0 == b.0).collect();
-    let mean = |group: &&[([i32; 6], u32)]| {
+    let groups: Vec<&[(u128, u32)]> = keyed.chunk_by(|a, b| a.0 == b.0).collect();
+    let mean = |group: &&[(u128, u32)]| {
         let first = &copies[group[0].1 as usize];
         let (mut position, mut normal, mut sigma) = (Vector::zeros(), Vector::zeros(), 0.0);
         for s in group.iter().map(|(_, i)| &copies[*i as usize]) {
@@ -64,6 +64,15 @@ fn averaged(copies: &[Sample]) -> Vec<Sample> {
         }
     };
     groups.par_iter().map(mean).collect()
+}
+
+/// A cell and side as one number that is ordered as they are.
+fn packed(cell_and_side: [i32; 6]) -> u128 {
+    let rising = |x: i32| u128::from(x.cast_unsigned() ^ (1 << 31));
+    let [x, y, z, sides @ ..] = cell_and_side;
+    // Sides are -1, 0 or 1.
+    let cell = [x, y, z].into_iter().fold(0, |all, x| (all << 32) | rising(x));
+    sides.into_iter().fold(cell, |all, side| (all << 2) | u128::from((side + 1).cast_unsigned()))
 }
 
 #[cfg(test)]

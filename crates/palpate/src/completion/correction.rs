@@ -50,8 +50,9 @@ impl Correction {
         let shift = Kriging::fit(&observed, &GRID);
         // Per cell and side: how many comparisons, how many of them too far off, and a place.
         let mut cells: BTreeMap<[i32; 6], (usize, usize, Point)> = BTreeMap::new();
-        for m in misses {
-            let left = m.offset - shift.as_ref().map_or(0.0, |s| s.mean(&m.at));
+        let left = |m: &Miss| m.offset - shift.as_ref().map_or(0.0, |s| s.mean(&m.at));
+        let left: Vec<f64> = misses.par_iter().map(left).collect();
+        for (m, left) in misses.iter().zip(left) {
             let cell = cells.entry(cell_and_side(&m.at.0, &m.at.1, CELL)).or_insert((0, 0, m.at.0));
             cell.0 += 1;
             cell.1 += usize::from(left.abs() > REFUTES);
@@ -84,7 +85,8 @@ impl Correction {
 pub(super) fn corrections(evidence: &Evidence, families: &[Vec<&Copying>]) -> Vec<Correction> {
     let touched = evidence.samples.iter().any(Sample::is_felt);
     let correction = |members: &Vec<&Copying>| {
-        let misses: Vec<Miss> = members.iter().filter(|_| touched).flat_map(|c| misses(evidence, c)).collect();
+        let members = if touched { &members[..] } else { &[] };
+        let misses: Vec<Miss> = members.par_iter().flat_map_iter(|c| misses(evidence, c)).collect();
         Correction::of(&misses)
     };
     families.par_iter().map(correction).collect()

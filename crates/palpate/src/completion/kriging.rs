@@ -112,8 +112,9 @@ fn density(values: &DVector<f64>, solved: &DVector<f64>, log_determinant: f64) -
 
 fn correlation(a: &Place, b: &Place, length: f64, across: f64) -> f64 {
     let apart = a.0 - b.0;
-    let along = apart.dot(&a.1).powi(2).max(apart.dot(&b.1).powi(2));
-    let squared = apart.norm_squared() + (across * across - 1.0) * along;
+    let along = || apart.dot(&a.1).powi(2).max(apart.dot(&b.1).powi(2));
+    let more = across * across - 1.0;
+    let squared = apart.norm_squared() + if more == 0.0 { 0.0 } else { more * along() };
     if squared >= length * length {
         return 0.0;
     }
