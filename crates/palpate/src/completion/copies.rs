@@ -38,32 +38,54 @@ pub(super) fn corrected(copy: Sample, correction: &Correction) -> Sample {
     Sample { position: copy.position + copy.normal * miss, ..copy }
 }
 
-/// One sample for each cell and side, in their order: means, and the provenance of the first.
-fn averaged(copies: &[Sample]) -> Vec<Sample> {
-    let mut keyed: Vec<(u128, u32)> = copies
-        .par_iter()
-        .enumerate()
-        .map(|(i, s)| (packed(cell_and_side(&s.position, &s.normal, OVERLAP)), i as u32))
-        .collect();
-    keyed.par_sort_unstable();
-    let groups: Vec<&[(u128, u32)]> = keyed.chunk_by(|a, b| a.0 == b.0).collect();
-    let mean = |group: &&[(u128, u32)]| {
-        let first = &copies[group[0].1 as usize];
-        let (mut position, mut normal, mut sigma) = (Vector::zeros(), Vector::zeros(), 0.0);
-        for s in group.iter().map(|(_, i)| &copies[*i as usize]) {
-            position += s.position.coords;
-            normal += s.normal;
-            sigma += s.sigma;
-        }
-        let count = group.len() as f64;
-        Sample {
-            position: Point::from(position / count),
-            normal: normal.try_normalize(1e-9).unwrap_or(first.normal),
-            sigma: sigma / count,
-            ..*first
-        }
+/// The copies of several families, of which those that overlap become one that weighs as much as they did together.
+pub(super) fn merged(copies: &[Sample], weights: &[f64]) -> (Vec<Sample>, Vec<f64>) {
+    let of = |group: &[(u128, u32)]| {
+        let weight = |i: &u32| weights[*i as usize];
+        (mean(copies, group, weight), group.iter().map(|(_, i)| weight(i)).sum::<f64>())
     };
-    groups.par_iter().map(mean).collect()
+    let keyed = keyed(copies);
+    groups(&keyed).par_iter().map(|group| of(group)).unzip()
+}
+
+/// One sample for each cell and side, in their order.
+fn averaged(copies: &[Sample]) -> Vec<Sample> {
+    let keyed = keyed(copies);
+    groups(&keyed).par_iter().map(|group| mean(copies, group, |_| 1.0)).collect()
+}
+
+/// Cell, side and number of each copy, in their order.
+fn keyed(copies: &[Sample]) -> Vec<(u128, u32)> {
+    let key = |(i, s): (usize, &Sample)| (packed(cell_and_side(&s.position, &s.normal, OVERLAP)), i as u32);
+    let mut keyed: Vec<(u128, u32)> = copies.par_iter().enumerate().map(key).collect();
+    keyed.par_sort_unstable();
+    keyed
+}
+
+fn groups(keyed: &[(u128, u32)]) -> Vec<&[(u128, u32)]> {
+    keyed.chunk_by(|a, b| a.0 == b.0).collect()
+}
+
+/// The weighted mean, with the provenance of the first.
+fn mean(copies: &[Sample], group: &[(u128, u32)], weight: impl Fn(&u32) -> f64) -> Sample {
+    let first = &copies[group[0].1 as usize];
+    let (mut position, mut normal, mut sigma, mut sum) = (Vector::zeros(), Vector::zeros(), 0.0, 0.0);
+    for (_, i) in group {
+        let (s, w) = (&copies[*i as usize], weight(i));
+        position += s.position.coords * w;
+        normal += s.normal * w;
+        sigma += s.sigma * w;
+        sum += w;
+    }
+    if sum <= 0.0 {
+        return *first;
+    }
+    Sample {
+        position: Point::from(position / sum),
+        normal: normal.try_normalize(1e-9).unwrap_or(first.normal),
+        sigma: sigma / sum,
+        ..*first
+    }
 }
 
 /// A cell and side as one number that is ordered as they are.

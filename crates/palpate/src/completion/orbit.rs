@@ -1,4 +1,4 @@
-use super::copies::{copies, corrected};
+use super::copies::{copies, corrected, merged};
 use super::correction::{Correction, corrections};
 use super::far_sides::far_sides;
 use super::motion::{Copying, copyings, families};
@@ -128,6 +128,9 @@ pub fn move_evidence(evidence: &Evidence, symmetry: &Symmetry, params: &OrbitPar
         }
         let weight = members.first().map_or(0.0, |(_, copying)| params.weight_of(copying));
         out.weights.resize(out.kept.len(), weight);
+    }
+    if families.len() > 1 {
+        (out.kept, out.weights) = merged(&out.kept, &out.weights);
     }
     (out.copyings, out.corrections) = (copyings, corrections);
     if params.far_sides {
