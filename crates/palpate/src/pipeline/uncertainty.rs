@@ -130,8 +130,7 @@ const SPACING: f64 = 2e-3;
 pub(super) const REACH: f64 = 10e-3;
 /// Cosine from which a sample speaks for a vertex.
 const AGREES: f64 = 0.3;
-/// Neighbours asked for one that faces the same way, beyond the reach of the index: first a few, then more.
-const FEW: usize = 3;
+/// Neighbours asked for one that faces the same way, beyond the reach of the index.
 const NEIGHBOURS: usize = 12;
 
 /// σ and provenance of every vertex. O(vertices) look-ups, a tree query where evidence is far.
@@ -177,13 +176,8 @@ impl Nearest<'_> {
         if let Some(m) = self.index.nearest_agreeing(self.samples, p, n, AGREES) {
             return Some((m.sample, m.plane_offset, m.tangential, m.agreement));
         }
-        let facing =
-            |near: &[(usize, f64)]| near.iter().copied().find(|(i, _)| self.samples[*i].normal.dot(n) > AGREES);
-        // A few neighbours are enough for most vertices, and cost half.
-        let (i, d) = facing(&self.tree.nearest_n(p, FEW)).or_else(|| {
-            let near = self.tree.nearest_n(p, NEIGHBOURS);
-            facing(&near).or(near.last().copied())
-        })?;
+        let near = self.tree.nearest_n(p, NEIGHBOURS);
+        let (i, d) = *near.iter().find(|(i, _)| self.samples[*i].normal.dot(n) > AGREES).or(near.last())?;
         let s = &self.samples[i];
         let along = (p - s.position).dot(&s.normal).abs();
         // One that faces another way is no surface to be beside, only the nearest that is known.
