@@ -5,7 +5,7 @@ use super::known_sides::{CELL, FLAT, KnownSides, THICKEST, similar};
 use super::motion::Copying;
 use super::orbit::{Covered, MovedEvidence, OrbitParams, in_free_space, leaves_orbit};
 use super::thickness::Thickness;
-use crate::evidence::{Evidence, Provenance, Sample, thinned};
+use crate::evidence::{Evidence, Provenance, Sample, firsts, thinned};
 use rayon::prelude::*;
 
 /// Guesses that the process knows less of than this are not made: share of its variance left.
@@ -55,7 +55,7 @@ pub(super) fn far_sides(evidence: &Evidence, moved: &MovedEvidence, params: &Orb
             (0..).zip(&moved.copyings).filter(|c| c.1.family as usize == family).collect();
         let weight = members.first().map_or(0.0, |(_, first)| params.weight_of(first)) * sure;
         let copies = copies(evidence, &known, &guesses, &members, correction, params, vacant);
-        out.extend(thinned(copies.iter(), COPIES).into_iter().map(|far| (far, weight)));
+        out.extend(copies.into_iter().map(|far| (far, weight)));
     }
     out.into_iter().unzip()
 }
@@ -87,16 +87,31 @@ fn copies(
     let leaves = |s: &Sample| leaves_orbit(evidence, &copyings, &s.position, params);
     let belongs = |g: &&Guess| !leaves(&g.near) && !leaves(&g.far) && agrees(known, g, &copyings, guesses);
     let copied: Vec<&Guess> = guesses.par_iter().flatten().filter(belongs).collect();
-    let copy = |g: &Guess, (m, copying): &(u32, &Copying)| {
-        let near = copy_of(&g.near, copying, *m);
-        if correction.refutes(&near.position) || in_free_space(evidence, &near.position, params) {
+    let both = |(g, (m, copying)): (&Guess, &(u32, &Copying))| Pair {
+        near: copy_of(&g.near, copying, *m),
+        far: copy_of(&g.far, copying, *m),
+        depth: g.depth,
+    };
+    let pairs: Vec<Pair> = members.par_iter().flat_map_iter(|m| copied.iter().map(move |g| both((g, m)))).collect();
+    // An axis lays the copies over one another: first thinned, then asked.
+    let pairs = firsts(pairs.iter(), COPIES, |p| (p.far.position, p.far.normal));
+    let stays = |pair: &Pair| {
+        if correction.refutes(&pair.near.position) || in_free_space(evidence, &pair.near.position, params) {
             return None;
         }
-        let [near, far] = [near, copy_of(&g.far, copying, *m)].map(|s| corrected(s, correction));
-        (vacant(&far) && !known.is_otherwise(&near, g.depth)).then_some(far)
+        let [near, far] = [pair.near, pair.far].map(|s| corrected(s, correction));
+        (vacant(&far) && !known.is_otherwise(&near, pair.depth)).then_some(far)
     };
-    let copy = &copy;
-    members.par_iter().flat_map_iter(|m| copied.iter().filter_map(move |g| copy(g, m))).collect()
+    pairs.par_iter().filter_map(stays).collect()
+}
+
+/// A copy of a guess.
+#[derive(Clone, Copy)]
+struct Pair {
+    near: Sample,
+    far: Sample,
+    /// How far apart they are, metres.
+    depth: f64,
 }
 
 /// Whether parts are known to be as thick as a guess says where the copyings put it on a measured surface: at half of these places, at least. The
