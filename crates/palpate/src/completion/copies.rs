@@ -128,6 +128,35 @@ mod tests {
         }
         // A patch of 1 cm² on the hidden side is as full as cells are.
         let here = |s: &&Sample| s.normal.x < -0.992 && (0.02..0.03).contains(&s.position.z);
-        assert!(within.iter().filter(here).count() > 60);
+        assert!(within.iter().filter(here).count() as f64 > 0.6 * 1e-4 / (OVERLAP * OVERLAP));
+    }
+
+    #[test]
+    fn copies_of_several_families_become_one_and_weigh_as_much() {
+        let copy = |x: f64, up: f64, motion: u32| Sample {
+            position: Point::new(x, 1e-4, 1e-4),
+            normal: Vector::z() * up,
+            sigma: 1e-3,
+            provenance: Provenance::Moved { motion },
+        };
+        // Two in one cell, one in another, one there that faces the other way.
+        let copies = [copy(1e-4, 1.0, 0), copy(4.1e-3, 1.0, 0), copy(9e-4, 1.0, 5), copy(2e-4, -1.0, 5)];
+        let (kept, weights) = merged(&copies, &[0.1, 0.1, 0.3, 0.3]);
+        let found = |x: f64, up: f64| {
+            let here = |s: &Sample| (s.position.x - x).abs() < 1e-12 && s.normal.z == up;
+            kept.iter().position(here).map(|i| weights[i])
+        };
+        assert_eq!(kept.len(), 3, "{kept:?}");
+        assert!((found(7e-4, 1.0).expect("their weighted mean") - 0.4).abs() < 1e-12);
+        assert_eq!(found(4.1e-3, 1.0), Some(0.1));
+        assert_eq!(found(2e-4, -1.0), Some(0.3), "the other side of a thin part stays its own");
+        assert!((weights.iter().sum::<f64>() - 0.8).abs() < 1e-12);
+    }
+
+    #[test]
+    fn cells_are_ordered_as_their_numbers() {
+        let cells = [[-3, 0, 0, 1, 1, 1], [-2, -1, 5, 0, 0, 0], [-2, -1, 5, 0, 0, 1], [-2, 0, -9, -1, 1, 1], [7; 6]];
+        let cells = cells.map(|c: [i32; 6]| [c[0], c[1], c[2], c[3].min(1), c[4].min(1), c[5].min(1)]);
+        assert!(cells.windows(2).all(|c| c[0] < c[1] && packed(c[0]) < packed(c[1])));
     }
 }

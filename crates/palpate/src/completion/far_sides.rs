@@ -136,10 +136,11 @@ fn agrees(known: &KnownSides, g: &Guess, copyings: &[&Copying], guesses: &[Optio
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::evidence::EvidenceParams;
+    use crate::completion::move_evidence;
     use crate::evidence::testing::{Solid, touch, view};
-    use crate::geometry::{Point, Vector};
-    use crate::symmetry::SymmetryElement;
+    use crate::evidence::{EvidenceParams, SampleIndex};
+    use crate::geometry::{Plane, Point, Vector};
+    use crate::symmetry::{Hypothesis, Score, Symmetry, SymmetryElement};
 
     /// Guesses for a board whose middle is 40 mm above the support, seen from above and felt from below at the origin.
     fn guesses(half: Vector) -> Vec<Sample> {
@@ -234,6 +235,63 @@ mod tests {
         assert!(agrees(&known, &guess(4, 2e-3), &turns, &everywhere));
         assert!(!agrees(&known, &guess(4, 2e-3), &turns, &lip));
         assert!(!agrees(&known, &guess(4, 8e-3), &turns, &everywhere), "of another thickness");
+    }
+
+    /// A board 8 mm thick, its underside 36 mm above the support, of which the camera saw the half where x > 0.
+    fn half_a_board() -> (Evidence, [Solid; 1]) {
+        let solids = [Solid::Box(Point::new(0.0, 0.0, 0.04), Vector::new(0.05, 0.04, 0.004), 0.0)];
+        let (frame, visible) = view(&solids, 0.0003);
+        let mut evidence =
+            Evidence::gather(&frame, &visible, &[], &EvidenceParams::default()).expect("the board is seen");
+        evidence.samples.retain(|s| s.position.x > 0.0);
+        evidence.contour.retain(|c| c.position.x > 0.0);
+        evidence.index = SampleIndex::new(&evidence.samples, 2e-3, 12e-3);
+        (evidence, solids)
+    }
+
+    fn halves_alike() -> Symmetry {
+        let plane = Plane::new(Vector::x(), &Point::origin()).expect("it has a direction");
+        let score = Score { support: 1.0, informative: 0.5, ..Score::default() };
+        let element = SymmetryElement::Reflection(plane);
+        Symmetry {
+            accepted: vec![Hypothesis { element, score, confidence: 1.0, covariance: None, rejection: None }],
+            rejected: Vec::new(),
+        }
+    }
+
+    #[test]
+    fn symmetries_copy_the_guesses() {
+        let (evidence, _) = half_a_board();
+        let underside = |symmetry: &Symmetry| -> Vec<Sample> {
+            let moved = move_evidence(&evidence, symmetry, &OrbitParams::default());
+            assert_eq!(moved.far_sides.len(), moved.far_weights.len());
+            moved.far_sides.into_iter().filter(|s| s.normal.z < -0.9 && s.position.x < 0.0).collect()
+        };
+        assert!(underside(&Symmetry::default()).is_empty(), "nothing is known of that half");
+        let copies = underside(&halves_alike());
+        assert!(copies.len() > 50, "{} copies", copies.len());
+        let off = |s: &Sample| (s.position.z - 0.036).abs();
+        assert!(copies.iter().all(|s| off(s) < 3e-3), "{} off", copies.iter().map(off).fold(0.0, f64::max));
+    }
+
+    #[test]
+    fn a_touch_takes_the_place_of_the_guesses_there() {
+        let (mut evidence, solids) = half_a_board();
+        let (params, orbit) = (EvidenceParams::default(), OrbitParams::default());
+        let mut moved = move_evidence(&evidence, &halves_alike(), &orbit);
+        let beside = |m: &MovedEvidence, x: f64| {
+            let near = |s: &&Sample| s.normal.z < -0.9 && (s.position - Point::new(x, 0.0, 0.036)).norm() < 4e-3;
+            m.far_sides.iter().filter(near).count()
+        };
+        let before = [0.025, -0.025].map(|x| beside(&moved, x));
+        assert!(before[0] > 2 && before[1] > 2, "{before:?} guesses");
+        let below = touch(&solids, Point::new(-0.025, 0.0, 0.0), Point::new(-0.025, 0.0, 0.04));
+        let [from, _] = evidence.add_touch(&below, 0, &nalgebra::Matrix6::zeros(), &params);
+        let change = moved.follow(&evidence, from, &orbit);
+        assert!(change.dropped.iter().filter(|s| s.normal.z < -0.9).count() >= before[1], "{:?}", change.dropped.len());
+        assert_eq!(beside(&moved, -0.025), 0, "a guess is left where the touch was");
+        assert_eq!(beside(&moved, 0.025), before[0], "the other half was not touched");
+        assert_eq!(moved.far_sides.len(), moved.far_weights.len());
     }
 
     #[test]
