@@ -71,7 +71,7 @@ struct Guess {
     sure: f64,
 }
 
-/// Copies by one family of the guesses that are part of what it moves onto itself.
+/// Copies by one family of the guesses that are part of what it moves onto itself, one a cell: those that `vacant` and all that is known allow.
 ///
 /// * `guesses` – of each known sample
 fn copies(

@@ -88,7 +88,8 @@ pub struct MovedEvidence {
     pub(super) corrections: Vec<Correction>,
 }
 
-/// Moves every measured sample by every motion of the accepted symmetries and drops what evidence contradicts or already covers.
+/// Moves every measured sample by every motion of the accepted symmetries and drops what evidence contradicts or already covers. Copies
+/// that overlap become one.
 ///
 /// A sample some of whose copies round an axis violate free space is not part of the body of revolution (a mug's handle) and is
 /// dropped at every angle, with its neighbours; for a reflection the neighbours of a violating sample are dropped too.

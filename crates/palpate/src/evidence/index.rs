@@ -160,9 +160,10 @@ fn turns_nearby(samples: &[Sample], reach: f64) -> Vec<bool> {
     let listed: Vec<([i64; 3], Cone)> = cells.iter().map(|(k, c)| (*k, *c)).collect();
     let turns = |(at, cone): &([i64; 3], Cone)| {
         // Five cells off, the nearest corners are four sizes apart.
-        let slab = cells.range([at[0] - 4, i64::MIN, i64::MIN]..=[at[0] + 4, i64::MAX, i64::MAX]);
-        let near = slab.filter(|(other, _)| (1..3).all(|a| (other[a] - at[a]).abs() <= 4));
-        near.into_iter().any(|(_, other)| !cone.agrees(other))
+        let (low, high) = (at[0].saturating_sub(4), at[0].saturating_add(4));
+        let slab = cells.range([low, i64::MIN, i64::MIN]..=[high, i64::MAX, i64::MAX]);
+        let mut near = slab.filter(|(other, _)| (1..3).all(|a| other[a].abs_diff(at[a]) <= 4));
+        near.any(|(_, other)| !cone.agrees(other))
     };
     let turning: BTreeMap<[i64; 3], bool> =
         listed.par_iter().map(|c| (c.0, turns(c))).collect::<Vec<_>>().into_iter().collect();
@@ -315,6 +316,56 @@ mod tests {
         let far = [samples, vec![sample(0.3, 0.0, Vector::z())]].concat();
         grown.insert(&far, 30, 0.002, 0.012);
         assert_eq!(grown.nearest(&Point::new(0.3, 0.0, 0.0)), Some(30), "beyond the old grid");
+    }
+
+    #[test]
+    fn nodes_hold_the_nearest_sample_and_the_nearest_other_side() {
+        // An L of two thin walls, seen from all sides, and a ball beside it.
+        let wall = |i: i32, j: i32, side: f64| {
+            let (u, v) = (f64::from(i) * 2.3e-3, f64::from(j) * 2.1e-3);
+            [(Point::new(u, v, side * 7e-4), Vector::z() * side), (Point::new(side * 7e-4, v, u), Vector::x() * side)]
+        };
+        let walls = (0..18).flat_map(|i| (0..9).flat_map(move |j| [wall(i, j, 1.0), wall(i, j, -1.0)].concat()));
+        let ball = (0..200).map(|i| {
+            let (z, a) = (1.0 - (2 * i + 1) as f64 / 200.0, f64::from(i) * 2.4);
+            let n = Vector::new((1.0 - z * z).sqrt() * a.cos(), (1.0 - z * z).sqrt() * a.sin(), z);
+            (Point::new(0.03, 0.01, 0.03) + n * 0.009, n)
+        });
+        let sample = |(position, normal)| Sample { position, normal, sigma: 1e-4, provenance: Provenance::Seen };
+        let samples: Vec<Sample> = walls.chain(ball).map(sample).collect();
+        let (spacing, reach) = (2e-3, 9e-3);
+        let index = SampleIndex::new(&samples, spacing, reach);
+        let [nx, ny, nz] = index.nodes.dims();
+        let mut seconds = 0;
+        for (x, y, z) in (0..nx).flat_map(|x| (0..ny).flat_map(move |y| (0..nz).map(move |z| (x, y, z)))) {
+            let (node, at) = (index.nodes.index(x, y, z), index.nodes.position(x, y, z));
+            let distance = |i: u32| (samples[i as usize].position - at).norm();
+            let nearest = |wanted: &dyn Fn(&Sample) -> bool| {
+                let some = samples.iter().filter(|s| wanted(s)).map(|s| (s.position - at).norm());
+                some.min_by(f64::total_cmp).filter(|d| *d < reach)
+            };
+            let [first, second] = index.nodes.as_slice()[node];
+            let near = |found: u32, expected: Option<f64>| match expected {
+                // On the rim rounding decides.
+                None => found == NONE || distance(found) > reach - 1e-6,
+                Some(d) => (found == NONE && d > reach - 1e-6) || (found != NONE && distance(found) < d + 1e-6),
+            };
+            assert!(near(first, nearest(&|_| true)), "node {at}");
+            if first == NONE {
+                continue;
+            }
+            let normal = samples[first as usize].normal;
+            let other = nearest(&|s| s.normal.dot(&normal) < OTHER_SIDE);
+            assert!(near(second, other), "the other side at {at}: {other:?}");
+            seconds += usize::from(second != NONE);
+        }
+        assert!(seconds > 500, "{seconds} nodes know another side");
+    }
+
+    #[test]
+    fn a_sample_beyond_all_cells_is_no_panic() {
+        let far = sample(1e300, 0.0, Vector::z());
+        assert_eq!(turns_nearby(&[far, sample(-1e300, 0.0, -Vector::z())], 0.02).len(), 2);
     }
 
     #[test]
