@@ -108,29 +108,27 @@ pub fn move_evidence(evidence: &Evidence, symmetry: &Symmetry, params: &OrbitPar
     for (family, correction) in corrections.iter().enumerate() {
         let members: Vec<(u32, &Copying)> = (0..).zip(&copyings).filter(|c| c.1.family as usize == family).collect();
         let (copies, outcasts) = copies(&evidence.samples, &members, &outcasts[family]);
-        let weight = members.first().map_or(0.0, |(_, copying)| params.weight_of(copying));
-        let judge = |(copy, count): &(Sample, f64)| {
+        let judge = |copy: &Sample| {
             let moved = corrected(*copy, correction);
             if correction.refutes(&copy.position) || in_free_space(evidence, &moved.position, params) {
                 Verdict::Contradicted(moved)
             } else if covered.holds(&moved.position, &moved.normal) {
                 Verdict::Covered
             } else {
-                Verdict::Kept(moved, count * weight)
+                Verdict::Kept(moved)
             }
         };
         out.contradicted.extend(outcasts.into_iter().map(|copy| corrected(copy, correction)));
         let verdicts: Vec<Verdict> = copies.par_iter().map(judge).collect();
         for verdict in verdicts {
             match verdict {
-                Verdict::Kept(moved, weight) => {
-                    out.kept.push(moved);
-                    out.weights.push(weight);
-                }
+                Verdict::Kept(moved) => out.kept.push(moved),
                 Verdict::Contradicted(moved) => out.contradicted.push(moved),
                 Verdict::Covered => {}
             }
         }
+        let weight = members.first().map_or(0.0, |(_, copying)| params.weight_of(copying));
+        out.weights.resize(out.kept.len(), weight);
     }
     if families.len() > 1 {
         (out.kept, out.weights) = merged(&out.kept, &out.weights);
@@ -144,8 +142,7 @@ pub fn move_evidence(evidence: &Evidence, symmetry: &Symmetry, params: &OrbitPar
 
 /// What becomes of a copy.
 enum Verdict {
-    /// And what it weighs.
-    Kept(Sample, f64),
+    Kept(Sample),
     /// It lies in proven free space.
     Contradicted(Sample),
     /// A measurement stands there.
