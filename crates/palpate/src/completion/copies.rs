@@ -6,7 +6,7 @@ use rayon::prelude::*;
 
 /// Copies of one family that share a cell of this side, and face the same way, become one, metres. An axis lays dozens of copies of every
 /// sample over one another, where the samples are a millimetre or two apart.
-const OVERLAP: f64 = 1.5e-3;
+const OVERLAP: f64 = 1e-3;
 
 /// The samples moved by the motions of one family, where symmetry puts them: those that stay in the orbit, overlapping ones averaged; and
 /// those of outcasts.

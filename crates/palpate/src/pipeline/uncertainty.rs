@@ -4,7 +4,7 @@
 
 use super::Warning;
 use crate::completion::{GuessSigma, MovedEvidence, copying_radius};
-use crate::evidence::{Evidence, Provenance, Sample, SampleIndex};
+use crate::evidence::{Evidence, Provenance, Sample, SampleIndex, thinned};
 use crate::geometry::{KdTree, Point, TriangleMesh, Vector};
 use crate::symmetry::Symmetry;
 use rayon::prelude::*;
@@ -95,10 +95,11 @@ pub(super) struct Guesses {
 impl Guesses {
     pub(super) fn new(evidence: &Evidence, symmetry: &Symmetry, moved: &MovedEvidence, arc: f64) -> Self {
         let radius = copying_radius(evidence, symmetry);
+        let samples = thinned(moved.kept.iter(), THINNED);
         Self {
-            samples: moved.kept.clone(),
-            index: SampleIndex::new(&moved.kept, SPACING, REACH),
-            tree: tree(&moved.kept),
+            index: SampleIndex::new(&samples, SPACING, REACH),
+            tree: tree(&samples),
+            samples,
             sources: moved.copyings.iter().map(|c| c.motion.inverse()).collect(),
             sigma: GuessSigma::new(evidence, symmetry, &moved.copyings, radius, arc),
         }
@@ -124,6 +125,8 @@ impl Guesses {
     }
 }
 
+/// Side of the cells that copies are thinned to, metres: well below the distances that σ grows over.
+const THINNED: f64 = 1.5e-3;
 /// Spacing of the look-up of copies, metres.
 const SPACING: f64 = 2e-3;
 /// Reach of the look-ups, metres; beyond it a tree is asked.
