@@ -152,7 +152,9 @@ fn turns_nearby(samples: &[Sample], reach: f64) -> Vec<bool> {
     for s in samples {
         cells.entry(key(s)).or_default().axis += s.normal;
     }
-    cells.values_mut().for_each(|c| c.axis = c.axis.try_normalize(1e-9).unwrap_or_default());
+    for cone in cells.values_mut() {
+        cone.axis = cone.axis.try_normalize(1e-9).unwrap_or_default();
+    }
     for s in samples {
         let cone = cells.entry(key(s)).or_default();
         cone.half_angle = cone.half_angle.max(cone.axis.dot(&s.normal).clamp(-1.0, 1.0).acos());
