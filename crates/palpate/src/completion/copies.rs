@@ -4,9 +4,9 @@ use crate::evidence::{Provenance, Sample, cell_and_side};
 use crate::geometry::{Point, Vector};
 use rayon::prelude::*;
 
-/// Copies of one family that share a cell of this side, and face the same way, become one, metres. An axis lays dozens of copies of every
+/// Copies that share a cell of this side, and face the same way, become one, metres. An axis lays dozens of copies of every
 /// sample over one another, where the samples are a millimetre or two apart.
-const OVERLAP: f64 = 1e-3;
+pub(super) const OVERLAP: f64 = 1e-3;
 
 /// The samples moved by the motions of one family, where symmetry puts them: those that stay in the orbit, overlapping ones averaged; and
 /// those of outcasts.

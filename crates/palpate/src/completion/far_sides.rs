@@ -1,4 +1,4 @@
-use super::copies::{copy_of, corrected};
+use super::copies::{OVERLAP, copy_of, corrected};
 use super::correction::Correction;
 use super::inscribed::inscribed_balls;
 use super::known_sides::{CELL, FLAT, KnownSides, THICKEST, similar};
@@ -12,8 +12,6 @@ use rayon::prelude::*;
 const DOUBT: f64 = 0.6;
 /// No guess is made in the heart of a thick part: within this share of the radius of a ball inscribed there.
 const HEART: f64 = 0.7;
-/// Side of the cells that copies of guesses are thinned to, metres.
-const COPIES: f64 = 1e-3;
 
 /// The far sides of thin parts: where a part's two sides are known, it is about as thick as that nearby.
 ///
@@ -60,7 +58,8 @@ pub(super) fn far_sides(evidence: &Evidence, moved: &MovedEvidence, params: &Orb
     out.into_iter().unzip()
 }
 
-/// A guessed far side.
+/// A guessed far side, or a copy of one.
+#[derive(Clone, Copy)]
 struct Guess {
     /// The sample whose far side it is.
     near: Sample,
@@ -87,31 +86,23 @@ fn copies(
     let leaves = |s: &Sample| leaves_orbit(evidence, &copyings, &s.position, params);
     let belongs = |g: &&Guess| !leaves(&g.near) && !leaves(&g.far) && agrees(known, g, &copyings, guesses);
     let copied: Vec<&Guess> = guesses.par_iter().flatten().filter(belongs).collect();
-    let both = |(g, (m, copying)): (&Guess, &(u32, &Copying))| Pair {
+    let copy = |g: &Guess, (m, copying): &(u32, &Copying)| Guess {
         near: copy_of(&g.near, copying, *m),
         far: copy_of(&g.far, copying, *m),
-        depth: g.depth,
+        ..*g
     };
-    let pairs: Vec<Pair> = members.par_iter().flat_map_iter(|m| copied.iter().map(move |g| both((g, m)))).collect();
+    let copy = &copy;
+    let copies: Vec<Guess> = members.par_iter().flat_map_iter(|m| copied.iter().map(move |g| copy(g, m))).collect();
     // An axis lays the copies over one another: first thinned, then asked.
-    let pairs = firsts(pairs.iter(), COPIES, |p| (p.far.position, p.far.normal));
-    let stays = |pair: &Pair| {
-        if correction.refutes(&pair.near.position) || in_free_space(evidence, &pair.near.position, params) {
+    let copies = firsts(copies.iter(), OVERLAP, |g| (g.far.position, g.far.normal));
+    let stays = |g: &Guess| {
+        if correction.refutes(&g.near.position) || in_free_space(evidence, &g.near.position, params) {
             return None;
         }
-        let [near, far] = [pair.near, pair.far].map(|s| corrected(s, correction));
-        (vacant(&far) && !known.is_otherwise(&near, pair.depth)).then_some(far)
+        let [near, far] = [g.near, g.far].map(|s| corrected(s, correction));
+        (vacant(&far) && !known.is_otherwise(&near, g.depth)).then_some(far)
     };
-    pairs.par_iter().filter_map(stays).collect()
-}
-
-/// A copy of a guess.
-#[derive(Clone, Copy)]
-struct Pair {
-    near: Sample,
-    far: Sample,
-    /// How far apart they are, metres.
-    depth: f64,
+    copies.par_iter().filter_map(stays).collect()
 }
 
 /// Whether parts are known to be as thick as a guess says where the copyings put it on a measured surface: at half of these places, at least. The

@@ -87,19 +87,25 @@ impl MovedEvidence {
                 bad.iter().any(|b| (b.position - source).norm() < params.orbit_radius)
             }
         };
-        let out: Vec<bool> = self.kept.par_iter().map(|s| replaced(s) || ruled_out(s)).collect();
-        let mut dropped: Vec<Sample> = self.kept.iter().zip(&out).filter(|(_, o)| **o).map(|(s, _)| *s).collect();
-        let mut gone = out.iter();
-        self.kept.retain(|_| !gone.next().copied().unwrap_or(false));
-        let mut gone = out.iter();
-        self.weights.retain(|_| !gone.next().copied().unwrap_or(false));
         let gone = |s: &Sample| replaced(s) || ruled_out(s);
-        let far: (Vec<Sample>, Vec<f64>) =
-            self.far_sides.iter().zip(&self.far_weights).filter(|(s, _)| !gone(s)).map(|(s, w)| (*s, *w)).unzip();
-        dropped.extend(self.far_sides.iter().filter(|s| gone(s)));
-        (self.far_sides, self.far_weights) = far;
-        dropped
+        let dropped = drop_where(&mut self.kept, &mut self.weights, gone);
+        [dropped, drop_where(&mut self.far_sides, &mut self.far_weights, gone)].concat()
     }
+}
+
+/// Takes out the samples that are gone, with their weights.
+fn drop_where(
+    samples: &mut Vec<Sample>,
+    weights: &mut Vec<f64>,
+    gone: impl Fn(&Sample) -> bool + Send + Sync,
+) -> Vec<Sample> {
+    let out: Vec<bool> = samples.par_iter().map(gone).collect();
+    let dropped = samples.iter().zip(&out).filter(|(_, out)| **out).map(|(s, _)| *s).collect();
+    let mut gone = out.iter();
+    samples.retain(|_| !gone.next().copied().unwrap_or(false));
+    let mut gone = out.iter();
+    weights.retain(|_| !gone.next().copied().unwrap_or(false));
+    dropped
 }
 
 fn close(a: &Sample, b: &Sample, radius: f64) -> bool {

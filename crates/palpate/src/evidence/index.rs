@@ -55,11 +55,9 @@ impl SampleIndex {
             slab.iter_mut().zip(&first).for_each(|(node, first)| node[0] = *first);
             best.fill(radius * radius);
             turning.rows(k, [nx, ny], radius, |row| {
-                let faces_away = |first: u32, i: u32| {
-                    first != NONE && normals[i as usize].dot(&normals[first as usize]) < OTHER_SIDE
-                };
                 row.nearest_where(&mut best, |node, i| {
-                    let other = faces_away(first[node], i);
+                    let other =
+                        first[node] != NONE && is_other_side(&normals[i as usize], &normals[first[node] as usize]);
                     if other {
                         slab[node][1] = i;
                     }
@@ -127,11 +125,16 @@ impl SampleIndex {
     }
 }
 
+/// Whether normals are of two sides.
+fn is_other_side(a: &Vector, b: &Vector) -> bool {
+    a.dot(b) < OTHER_SIDE
+}
+
 /// What a node at `at` holds once sample `i` is known.
 fn with_sample([first, second]: [u32; 2], i: usize, samples: &[Sample], at: &Point) -> [u32; 2] {
     let distance = |s: u32| if s == NONE { f64::INFINITY } else { (samples[s as usize].position - at).norm_squared() };
     let faces_away = |a: u32, b: u32| {
-        a != NONE && b != NONE && samples[a as usize].normal.dot(&samples[b as usize].normal) < OTHER_SIDE
+        a != NONE && b != NONE && is_other_side(&samples[a as usize].normal, &samples[b as usize].normal)
     };
     let new = i as u32;
     if distance(new) < distance(first) {
