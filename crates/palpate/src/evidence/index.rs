@@ -1,7 +1,6 @@
 use super::Sample;
 use crate::geometry::{Aabb, Point, Vector, VoxelGrid};
 use rayon::prelude::*;
-use std::ops::Range;
 
 /// No sample is near.
 const NONE: u32 = u32::MAX;
@@ -46,19 +45,19 @@ impl SampleIndex {
         let stack = Stack::new(samples.iter().map(|s| (s.position - origin) / spacing));
         let radius = (reach / spacing) as f32;
         nodes.as_mut_slice().par_chunks_mut(nx * ny).enumerate().for_each(|(k, slab)| {
-            let (mut best, mut first) = (vec![radius * radius; slab.len()], vec![NONE; slab.len()]);
-            stack.rows(k, [nx, ny], radius, |row| row.nearest(&mut best, &mut first));
-            slab.iter_mut().zip(&first).for_each(|(node, first)| node[0] = *first);
+            let mut best = vec![radius * radius; slab.len()];
+            stack.splat(k, [nx, ny], radius, &mut best, |node, i| {
+                slab[node][0] = i;
+                true
+            });
             best.fill(radius * radius);
-            stack.rows(k, [nx, ny], radius, |row| {
-                row.nearest_where(&mut best, |node, i| {
-                    let other =
-                        first[node] != NONE && is_other_side(&normals[i as usize], &normals[first[node] as usize]);
-                    if other {
-                        slab[node][1] = i;
-                    }
-                    other
-                });
+            stack.splat(k, [nx, ny], radius, &mut best, |node, i| {
+                let first = slab[node][0];
+                let other = first != NONE && normals[i as usize].dot(&normals[first as usize]) < OTHER_SIDE;
+                if other {
+                    slab[node][1] = i;
+                }
+                other
             });
         });
         Self { nodes }
@@ -121,16 +120,11 @@ impl SampleIndex {
     }
 }
 
-/// Whether normals are of two sides.
-fn is_other_side(a: &Vector, b: &Vector) -> bool {
-    a.dot(b) < OTHER_SIDE
-}
-
 /// What a node at `at` holds once sample `i` is known.
 fn with_sample([first, second]: [u32; 2], i: usize, samples: &[Sample], at: &Point) -> [u32; 2] {
     let distance = |s: u32| if s == NONE { f64::INFINITY } else { (samples[s as usize].position - at).norm_squared() };
     let faces_away = |a: u32, b: u32| {
-        a != NONE && b != NONE && is_other_side(&samples[a as usize].normal, &samples[b as usize].normal)
+        a != NONE && b != NONE && samples[a as usize].normal.dot(&samples[b as usize].normal) < OTHER_SIDE
     };
     let new = i as u32;
     if distance(new) < distance(first) {
@@ -148,57 +142,24 @@ struct Stack {
     rising: Vec<([f32; 3], u32)>,
 }
 
-/// The nodes of one row that a sample reaches.
-struct Row {
-    /// Numbers of the nodes in the slab, and the first one's column.
-    nodes: Range<usize>,
-    column: usize,
-    /// The sample's column, and its squared distance from the row, cells.
-    at: f32,
-    beside: f32,
-    sample: u32,
-}
-
-impl Row {
-    /// Squared distances of the nodes, cells.
-    fn squared(&self) -> impl Iterator<Item = f32> + use<> {
-        let (column, at, beside) = (self.column, self.at, self.beside);
-        (0..self.nodes.len() as i32).map(move |x| {
-            let dx = (column as i32 + x) as f32 - at;
-            dx * dx + beside
-        })
-    }
-
-    /// Puts the sample where it is the nearest so far. No branch: several nodes at once.
-    fn nearest(&self, best: &mut [f32], nearest: &mut [u32]) {
-        let nodes = best[self.nodes.clone()].iter_mut().zip(&mut nearest[self.nodes.clone()]);
-        for ((best, nearest), squared) in nodes.zip(self.squared()) {
-            let closer = squared < *best;
-            *best = if closer { squared } else { *best };
-            *nearest = if closer { self.sample } else { *nearest };
-        }
-    }
-
-    /// The same where `take` accepts the sample: it is asked where that would be the nearest so far.
-    fn nearest_where(&self, best: &mut [f32], mut take: impl FnMut(usize, u32) -> bool) {
-        for (node, squared) in self.nodes.clone().zip(self.squared()) {
-            if squared < best[node] && take(node, self.sample) {
-                best[node] = squared;
-            }
-        }
-    }
-}
-
 impl Stack {
     fn new(positions: impl Iterator<Item = Vector>) -> Self {
         let mut rising: Vec<([f32; 3], u32)> =
-            positions.zip(0..).map(|(c, i)| ([c.x as f32, c.y as f32, c.z as f32], i)).collect();
+            positions.enumerate().map(|(i, c)| ([c.x as f32, c.y as f32, c.z as f32], i as u32)).collect();
         rising.sort_unstable_by(|a, b| a.0[2].total_cmp(&b.0[2]).then(a.1.cmp(&b.1)));
         Self { rising }
     }
 
-    /// Every sample's rows of slab `k` within `radius` cells. The lower one comes first, then the smaller number: ties are theirs.
-    fn rows(&self, k: usize, [nx, ny]: [usize; 2], radius: f32, mut visit: impl FnMut(&Row)) {
+    /// Offers every sample to the nodes of slab `k` within `radius` cells; `take` says whether it is accepted where it is the nearest so far.
+    /// Ties go to the lower one, then to the smaller number.
+    fn splat(
+        &self,
+        k: usize,
+        [nx, ny]: [usize; 2],
+        radius: f32,
+        best: &mut [f32],
+        mut take: impl FnMut(usize, u32) -> bool,
+    ) {
         let level = k as f32;
         let from = self.rising.partition_point(|s| s.0[2] <= level - radius);
         let to = self.rising.partition_point(|s| s.0[2] < level + radius);
@@ -209,10 +170,12 @@ impl Stack {
                 let dy = j as f32 - cy;
                 let beside = dy * dy + dz2;
                 let half = (radius * radius - beside).max(0.0).sqrt();
-                let columns = within(cx, half, nx);
-                if !columns.is_empty() {
-                    let nodes = j * nx + columns.start..j * nx + columns.end;
-                    visit(&Row { nodes, column: columns.start, at: cx, beside, sample: i });
+                for x in within(cx, half, nx) {
+                    let dx = x as f32 - cx;
+                    let (squared, node) = (dx * dx + beside, j * nx + x);
+                    if squared < best[node] && take(node, i) {
+                        best[node] = squared;
+                    }
                 }
             }
         }
@@ -220,7 +183,7 @@ impl Stack {
 }
 
 /// The whole numbers below `count` within `half` of `center`. Conversions round towards zero and saturate: no call of `floor`.
-fn within(center: f32, half: f32, count: usize) -> Range<usize> {
+fn within(center: f32, half: f32, count: usize) -> std::ops::Range<usize> {
     let (low, high) = (center - half, center + half);
     let first = low as usize + usize::from(low > (low as usize) as f32);
     let past = if high < 0.0 { 0 } else { high as usize + 1 };
