@@ -48,10 +48,24 @@ impl FreeSpace {
         self.rays.clearance(p).max(below(self.support.as_ref(), p))
     }
 
+    /// [`Self::clearance`] of many points at once, which is faster.
+    pub(crate) fn clearances<const N: usize>(&self, points: &[Point; N]) -> [f64; N] {
+        let mut clearances = self.rays.clearances(points);
+        for (clearance, p) in clearances.iter_mut().zip(points) {
+            *clearance = clearance.max(below(self.support.as_ref(), p));
+        }
+        clearances
+    }
+
     /// How deep `p` lies in the layer behind untouched gel, metres; ≤ 0 outside all layers.
     #[inline]
     pub fn pad_clearance(&self, p: &Point) -> f64 {
         self.pad.clearance(p)
+    }
+
+    /// [`Self::pad_clearance`] of many points at once, which is faster.
+    pub(crate) fn pad_clearances<const N: usize>(&self, points: &[Point; N]) -> [f64; N] {
+        self.pad.clearances(points)
     }
 
     /// Adds the pad of one more touch. The carved grid of [`Self::signed_distance`] stays as it is.

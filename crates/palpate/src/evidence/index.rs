@@ -98,18 +98,29 @@ impl SampleIndex {
     /// `samples` must be the ones the index was built from.
     #[inline]
     pub fn nearest_agreeing(&self, samples: &[Sample], p: &Point, normal: &Vector, agreement: f64) -> Option<Match> {
-        let node = self.nodes.nearest(p)?;
-        self.nodes.as_slice()[node].iter().take_while(|&&i| i != NONE).find_map(|&i| {
-            let s = &samples[i as usize];
-            let cosine = normal.dot(&s.normal);
-            if cosine <= agreement {
-                return None;
-            }
-            let d = p - s.position;
-            let along = d.dot(&s.normal);
-            let tangential = (d.norm_squared() - along * along).max(0.0).sqrt();
-            Some(Match { sample: i as usize, plane_offset: along.abs(), tangential, agreement: cosine })
-        })
+        agreeing(samples, self.nodes.as_slice()[self.nodes.nearest(p)?], p, normal, agreement)
+    }
+
+    /// [`Self::nearest_agreeing`] of each of `points`. All nodes are found before the first is read, so that the processor fetches them
+    /// together: each is far from the last in memory.
+    pub(crate) fn all_nearest_agreeing<const N: usize>(
+        &self,
+        samples: &[Sample],
+        points: &[Point; N],
+        normals: &[Vector; N],
+        agreement: f64,
+    ) -> [Option<Match>; N] {
+        let (mut nodes, mut near, mut found) = ([0; N], [[NONE; 2]; N], [None; N]);
+        for k in 0..N {
+            nodes[k] = self.nodes.nearest(&points[k]).unwrap_or(usize::MAX);
+        }
+        for k in 0..N {
+            near[k] = self.nodes.as_slice().get(nodes[k]).copied().unwrap_or([NONE; 2]);
+        }
+        for k in 0..N {
+            found[k] = agreeing(samples, near[k], &points[k], &normals[k], agreement);
+        }
+        found
     }
 
     /// Whether any sample is near `p`, whatever its normal: its index.
@@ -118,6 +129,22 @@ impl SampleIndex {
         let first = self.nodes.as_slice()[self.nodes.nearest(p)?][0];
         (first != NONE).then_some(first as usize)
     }
+}
+
+/// The first of the samples `near` whose normal agrees.
+#[inline]
+fn agreeing(samples: &[Sample], near: [u32; 2], p: &Point, normal: &Vector, agreement: f64) -> Option<Match> {
+    near.into_iter().take_while(|&i| i != NONE).find_map(|i| {
+        let s = &samples[i as usize];
+        let cosine = normal.dot(&s.normal);
+        if cosine <= agreement {
+            return None;
+        }
+        let d = p - s.position;
+        let along = d.dot(&s.normal);
+        let tangential = (d.norm_squared() - along * along).max(0.0).sqrt();
+        Some(Match { sample: i as usize, plane_offset: along.abs(), tangential, agreement: cosine })
+    })
 }
 
 /// What a node at `at` holds once sample `i` is known.

@@ -1,6 +1,7 @@
 use super::EvidenceParams;
 use crate::camera::{Background, Frame, PinholeCamera, Visible};
-use crate::geometry::{Isometry, Point, Raster, Vector, distance_to_true};
+use crate::geometry::{Point, Raster, Vector, distance_to_true};
+use nalgebra::IsometryMatrix3;
 
 /// What one camera ray proves. 20 bytes, so that a look-up costs one cache line.
 #[derive(Debug, Clone, Copy)]
@@ -21,7 +22,7 @@ struct Ray {
 pub(super) struct Rays {
     rays: Raster<Ray>,
     camera: PinholeCamera,
-    camera_from_world: Isometry,
+    camera_from_world: IsometryMatrix3<f64>,
     focal: f64,
     depth_margin: f64,
 }
@@ -60,7 +61,7 @@ impl Rays {
         Self {
             rays,
             camera: frame.camera,
-            camera_from_world: frame.world_from_camera.inverse(),
+            camera_from_world: nalgebra::convert(frame.world_from_camera.inverse()),
             focal: frame.camera.fx.max(frame.camera.fy),
             depth_margin: params.depth_margin,
         }
@@ -69,13 +70,41 @@ impl Rays {
     /// Lower bound of the object's distance from `p` (world), metres; ≤ 0 where no ray proves anything.
     #[inline]
     pub(super) fn clearance(&self, p: &Point) -> f64 {
+        let (p, pixel) = self.pixel(p);
+        self.clearance_at(&p, pixel)
+    }
+
+    /// [`Self::clearance`] of each of `points`. All pixels are found before the first is read, so that the processor fetches them together:
+    /// each is far from the last in memory.
+    pub(super) fn clearances<const N: usize>(&self, points: &[Point; N]) -> [f64; N] {
+        let (mut seen, mut pixels, mut clearances) = ([Point::origin(); N], [0; N], [0.0; N]);
+        for k in 0..N {
+            (seen[k], pixels[k]) = self.pixel(&points[k]);
+        }
+        for k in 0..N {
+            clearances[k] = self.clearance_at(&seen[k], pixels[k]);
+        }
+        clearances
+    }
+
+    /// `p` in the camera frame, and the number of its pixel; one past the last if there is none.
+    #[inline]
+    fn pixel(&self, p: &Point) -> (Point, usize) {
         let p = self.camera_from_world * p;
-        let Some((u, v)) = self.camera.project(&p) else { return UNKNOWN };
+        let (rows, cols) = self.rays.shape();
+        let none = (p, rows * cols);
+        let Some((u, v)) = self.camera.project(&p) else { return none };
         // Negative values saturate to pixel 0, so the half-pixel border is tested first.
         if !(u > -0.5 && v > -0.5) {
-            return UNKNOWN;
+            return none;
         }
-        let Some(ray) = self.rays.get((v + 0.5) as usize, (u + 0.5) as usize) else { return UNKNOWN };
+        let (row, col) = ((v + 0.5) as usize, (u + 0.5) as usize);
+        if row < rows && col < cols { (p, row * cols + col) } else { none }
+    }
+
+    #[inline]
+    fn clearance_at(&self, p: &Point, pixel: usize) -> f64 {
+        let Some(ray) = self.rays.as_slice().get(pixel) else { return UNKNOWN };
         if ray.beside < 0.0 {
             let [x, y, z] = ray.normal.map(f64::from);
             // The plane, not the pixel's depth: exact between pixels, and at a convex edge on the safe side.

@@ -1,15 +1,19 @@
 use super::accept::{confidence, give_way, judge, resolve_conflicts};
-use super::axes::{normal_line_center, same_line, search_axes};
+use super::axes::{Line, normal_line_center, same_line, search_axes};
 use super::element::SymmetryElement;
 use super::params::SymmetryParams;
 use super::planes::{across_best, same, search_offsets, search_planes};
-use super::refine::{covariance, refine, refine_offset};
+use super::refine::{covariance, refine, refine_near, refine_offset, refine_roughly};
 use super::resting::resting_plane;
 use super::score::{Score, Scorer, Tolerances};
 use crate::evidence::Evidence;
 use crate::geometry::{Plane, Point, Vector};
 use nalgebra::{DMatrix, Unit};
 use rayon::prelude::*;
+
+/// Opposition per informative support, with the wide tolerances of the search, beyond which no axis has become acceptable: of 180 accepted ones
+/// (30 YCB objects, two views, 0 and 20 touches) the worst had 0.27.
+const HOPELESS: f64 = 0.5;
 
 /// Guesses the symmetry of a partly seen object.
 pub trait SymmetryEstimator: Sync {
@@ -112,14 +116,10 @@ impl SymmetryEstimator for EvidenceSearch {
         let planes = distinct_refined(&scorer, across_best(&scorer, &planes).into_iter().chain(planes).collect());
         let best: Vec<Plane> = planes.iter().take(5).map(|p| p.0).collect();
         let lines = search_axes(&scorer, &best);
-        let mut axes: Vec<Hypothesis> = lines
-            .par_iter()
-            .map(|&(point, direction)| {
-                let (element, score) = refine(&scorer, &SymmetryElement::Axis { point, direction, order: None });
-                hypothesis(&scorer, element, score)
-            })
-            .collect();
-        let sphere = sphere(&scorer);
+        let (mut axes, sphere) = rayon::join(
+            || lines.par_iter().map(|line| refined_axis(&scorer, line)).collect::<Vec<Hypothesis>>(),
+            || sphere(&scorer),
+        );
         if let Some((_, axis)) = &sphere {
             // The axis that shows most of the hidden side, not the one that scores best.
             axes.insert(0, axis.clone());
@@ -172,15 +172,29 @@ fn usefulness(h: &Hypothesis) -> f64 {
     h.score.value() * (h.score.neutral + 0.02)
 }
 
+/// An axis refined; one that is opposed beyond hope when it is known to a degree is left there.
+fn refined_axis(scorer: &Scorer, &(point, direction): &Line) -> Hypothesis {
+    let (rough, score) = refine_roughly(scorer, &SymmetryElement::Axis { point, direction, order: None });
+    if score.opposition() > HOPELESS * score.informative + scorer.params.slack {
+        let score = scorer.score(&rough, &Tolerances::fine(scorer.params), scorer.params.refine_samples);
+        return hypothesis(scorer, rough, score);
+    }
+    let (element, score) = refine_near(scorer, &rough);
+    hypothesis(scorer, element, score)
+}
+
+/// Planes refined, best first. What comes to the same place is refined to the end once.
 fn refined_planes(scorer: &Scorer, candidates: &[Plane]) -> Vec<(Plane, Score)> {
-    let refined = candidates
-        .par_iter()
-        .filter_map(|plane| match refine(scorer, &SymmetryElement::Reflection(*plane)) {
-            (SymmetryElement::Reflection(plane), score) => Some((plane, score)),
-            _ => None,
-        })
-        .collect();
-    distinct_refined(scorer, refined)
+    let each = |planes: Vec<Plane>, refine: fn(&Scorer, &SymmetryElement) -> (SymmetryElement, Score)| {
+        let refined =
+            planes.par_iter().filter_map(|plane| match refine(scorer, &SymmetryElement::Reflection(*plane)) {
+                (SymmetryElement::Reflection(plane), score) => Some((plane, score)),
+                _ => None,
+            });
+        distinct_refined(scorer, refined.collect())
+    };
+    let rough = each(candidates.to_vec(), refine_roughly);
+    each(rough.into_iter().map(|r| r.0).collect(), refine_near)
 }
 
 /// Best first, without those that refinement brought to the same place.

@@ -1,6 +1,6 @@
 use super::element::SymmetryElement;
 use super::refine::refine_near;
-use super::score::{Score, Scorer, Tolerances};
+use super::score::{Course, Score, Scorer, Tolerances};
 use crate::geometry::{Plane, Point, Vector};
 use rayon::prelude::*;
 
@@ -48,12 +48,15 @@ pub(super) fn search_offsets(scorer: &Scorer, normal: &Vector) -> Option<Plane> 
     let (low, high) = extent(scorer, normal);
     let count = 4 * params.offsets;
     let at = |k: usize| low + (high - low) * (k as f64 + 0.5) / count as f64;
-    let planes = (0..count).filter_map(|k| Plane::new(*normal, &Point::from(normal * at(k))));
-    let scored = planes.map(|plane| {
+    let mut best: Option<(Course, Plane)> = None;
+    for plane in (0..count).filter_map(|k| Plane::new(*normal, &Point::from(normal * at(k)))) {
         let element = SymmetryElement::Reflection(plane);
-        (scorer.score(&element, &tolerances, params.search_samples).value(), plane)
-    });
-    scored.max_by(|a, b| a.0.total_cmp(&b.0)).filter(|best| best.0 > 0.0).map(|best| best.1)
+        let course = scorer.course(&element, &tolerances, params.search_samples, best.as_ref().map(|b| &b.0));
+        if best.as_ref().is_none_or(|b| course.value > b.0.value) {
+            best = Some((course, plane));
+        }
+    }
+    best.filter(|b| b.0.value > 0.0).map(|b| b.1)
 }
 
 /// Upright planes about perpendicular to the best found one, refined with the fine tolerances alone: what stands and has one upright plane of

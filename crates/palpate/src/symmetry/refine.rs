@@ -5,6 +5,8 @@ use nalgebra::{DMatrix, DVector};
 
 /// Steps of the pattern search, radians (and, times the object's radius, metres): coarse tolerances down to the second, fine ones to the last.
 const STEPS: [f64; 3] = [0.08, 0.02, 0.0006];
+/// What becomes of a step when none helps.
+const SHRINK: f64 = 0.35;
 /// Least σ of a residual, metres, and how many neighbouring votes share one error: what noise alone would make too sure.
 const RESIDUAL_FLOOR: f64 = 0.0005;
 const CORRELATED_VOTES: f64 = 10.0;
@@ -54,16 +56,19 @@ fn units(scorer: &Scorer, element: &SymmetryElement) -> Vec<f64> {
     }
 }
 
-/// Climbs the score by a pattern search: a step up or down in each parameter, halved when none helps.
+/// Climbs the score by a pattern search: a step up or down in each parameter, shortened when none helps.
 pub(super) fn refine(scorer: &Scorer, start: &SymmetryElement) -> (SymmetryElement, Score) {
-    let params = scorer.params;
-    let axes = axes(scorer, start);
-    let coarse = climb(scorer, start, &Tolerances::coarse(params), params.search_samples, [STEPS[0], STEPS[1]], &axes);
-    let fine = climb(scorer, &coarse, &Tolerances::fine(params), params.refine_samples, [STEPS[1], STEPS[2]], &axes);
-    (fine, scorer.score(&fine, &Tolerances::fine(params), params.refine_samples))
+    refine_near(scorer, &refine_roughly(scorer, start).0)
 }
 
-/// The same with the fine tolerances alone: for a start that is known to a few degrees.
+/// The first half: to about a degree, with the tolerances of the search.
+pub(super) fn refine_roughly(scorer: &Scorer, start: &SymmetryElement) -> (SymmetryElement, Score) {
+    let (params, coarse) = (scorer.params, Tolerances::coarse(scorer.params));
+    let best = climb(scorer, start, &coarse, params.search_samples, [STEPS[0], STEPS[1]], &axes(scorer, start));
+    (best, scorer.score(&best, &coarse, params.search_samples))
+}
+
+/// The second half, with the fine tolerances: for a start that is known to a few degrees.
 pub(super) fn refine_near(scorer: &Scorer, start: &SymmetryElement) -> (SymmetryElement, Score) {
     let params = scorer.params;
     let fine = Tolerances::fine(params);
@@ -114,7 +119,8 @@ pub(super) fn refine_offset(scorer: &Scorer, start: &Plane, tolerances: &Toleran
     (best, scorer.score(&best, tolerances, votes))
 }
 
-/// Steps along `axes`, which hold the change of the parameters of [`perturbed`] per unit step.
+/// Steps along `axes`, which hold the change of the parameters of [`perturbed`] per unit step. Where no step helps, the parabolas through the
+/// steps up and down say where between them the best may be.
 fn climb(
     scorer: &Scorer,
     start: &SymmetryElement,
@@ -123,22 +129,32 @@ fn climb(
     [from, to]: [f64; 2],
     axes: &[[f64; 4]],
 ) -> SymmetryElement {
-    let (mut best, mut value) = (*start, scorer.score(start, tolerances, votes).value());
-    let mut step = from;
+    let (mut best, mut course, mut step) = (*start, scorer.course(start, tolerances, votes, None), from);
     while step > to {
-        let mut improved = false;
+        let (mut improved, mut top) = (false, [0.0; 4]);
         for axis in axes {
-            for sign in [1.0, -1.0] {
+            let mut sides = [0.0; 2];
+            for (side, sign) in sides.iter_mut().zip([1.0, -1.0]) {
                 let candidate = perturbed(scorer, &best, &axis.map(|a| a * sign * step));
-                let score = scorer.score(&candidate, tolerances, votes).value();
-                if score > value + 1e-9 {
-                    (best, value, improved) = (candidate, score, true);
+                let rival = scorer.course(&candidate, tolerances, votes, Some(&course));
+                *side = rival.value;
+                if rival.value > course.value + 1e-9 {
+                    (best, course, improved) = (candidate, rival, true);
                     break;
                 }
             }
+            let bend = (2.0 * course.value - sides[0] - sides[1]).max(1e-12);
+            for (top, axis) in top.iter_mut().zip(axis) {
+                *top += axis * 0.5 * step * (sides[0] - sides[1]) / bend;
+            }
         }
         if !improved {
-            step *= 0.5;
+            let candidate = perturbed(scorer, &best, &top);
+            let rival = scorer.course(&candidate, tolerances, votes, Some(&course));
+            if rival.value > course.value + 1e-9 {
+                (best, course) = (candidate, rival);
+            }
+            step *= SHRINK;
         }
     }
     best

@@ -1,11 +1,12 @@
 use super::element::{Motion, SymmetryElement};
 use super::params::SymmetryParams;
-use crate::evidence::{Evidence, Sample, thinned};
+use crate::evidence::{Evidence, Match, Sample, thinned};
 use crate::geometry::{Point, Vector};
 use nalgebra::{Rotation3, Unit};
 use rand::SeedableRng as _;
 use rand::seq::SliceRandom as _;
 use rand_pcg::Pcg64Mcg;
+use rayon::prelude::*;
 
 /// How the moved evidence fits the evidence; means over samples, each 0–1.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -100,6 +101,29 @@ const OTHER_SIDE: f64 = 0.004;
 /// Length of the table of rotations for axes and spheres.
 const TURNS: usize = 64;
 
+/// Votes between two looks at the score so far.
+const BLOCK: usize = 16;
+/// An element whose score is behind another's by this over the root of the votes counted is clearly worse: three σ of the difference of two
+/// sums of the same votes.
+const BEHIND: f64 = 0.6;
+
+/// The score of an element on ever more votes.
+pub(super) struct Course {
+    /// On all of them.
+    pub(super) value: f64,
+    /// After every [`BLOCK`].
+    parts: Vec<f64>,
+}
+
+/// Where a moved sample comes to.
+#[derive(Clone, Copy, Default)]
+struct Landing {
+    /// How deep in proven free space, metres.
+    depth: f64,
+    /// The measured sample there whose normal agrees.
+    found: Option<Match>,
+}
+
 /// What stays on a body of revolution when it is turned.
 pub(super) struct Body<'a> {
     fitting: Vec<&'a Sample>,
@@ -147,7 +171,7 @@ impl<'a> Scorer<'a> {
 
     /// Scores an element on the first `count` votes.
     pub(super) fn score(&self, element: &SymmetryElement, tolerances: &Tolerances, count: usize) -> Score {
-        self.score_unless_bad(element, tolerances, count, f64::NEG_INFINITY).unwrap_or_default()
+        self.score_while(element, tolerances, count, |_, _| true).unwrap_or_default()
     }
 
     /// The same, but gives up (`None`) once a part of the votes scores below `floor`.
@@ -158,11 +182,42 @@ impl<'a> Scorer<'a> {
         count: usize,
         floor: f64,
     ) -> Option<Score> {
+        self.score_while(element, tolerances, count, |_, value| value >= floor)
+    }
+
+    /// How the score of an element goes as votes are counted. Once it is clearly behind `best`, as far as that went, the rest is taken to be as
+    /// far behind.
+    pub(super) fn course(
+        &self,
+        element: &SymmetryElement,
+        tolerances: &Tolerances,
+        count: usize,
+        best: Option<&Course>,
+    ) -> Course {
+        let mut parts = Vec::with_capacity(count / BLOCK + 1);
+        let mut behind = 0.0;
+        let score = self.score_while(element, tolerances, count, |votes, value| {
+            behind = best.and_then(|b| b.parts.get(parts.len())).map_or(0.0, |b| b - value);
+            parts.push(value);
+            behind < BEHIND / (votes as f64).sqrt()
+        });
+        let value = score.map_or_else(|| best.map_or(f64::NEG_INFINITY, |b| b.value) - behind, |s| s.value());
+        Course { value, parts }
+    }
+
+    /// Scores an element, block by block, while `keep` says so of the votes counted and the value up to there.
+    fn score_while(
+        &self,
+        element: &SymmetryElement,
+        tolerances: &Tolerances,
+        count: usize,
+        keep: impl FnMut(usize, f64) -> bool,
+    ) -> Option<Score> {
         match element {
-            SymmetryElement::Reflection(plane) => self.mean(tolerances, count, floor, |_, s| {
+            SymmetryElement::Reflection(plane) => self.mean(tolerances, count, keep, |_, s| {
                 (plane.reflect_point(&s.position), plane.reflect_vector(&s.normal))
             }),
-            SymmetryElement::Axis { point, direction, order } => self.mean(tolerances, count, floor, |k, s| {
+            SymmetryElement::Axis { point, direction, order } => self.mean(tolerances, count, keep, |k, s| {
                 let (sin, cos) = match order {
                     None => self.turns[k % TURNS],
                     Some(n) => {
@@ -174,7 +229,7 @@ impl<'a> Scorer<'a> {
                     |v: Vector| v * cos + direction.cross(&v) * sin + **direction * (direction.dot(&v) * (1.0 - cos));
                 (point + rotate(s.position - point), rotate(s.normal))
             }),
-            SymmetryElement::Sphere { center } => self.mean(tolerances, count, floor, |k, s| {
+            SymmetryElement::Sphere { center } => self.mean(tolerances, count, keep, |k, s| {
                 let spin = &self.spins[k % TURNS];
                 (center + spin * (s.position - center), spin * s.normal)
             }),
@@ -184,7 +239,7 @@ impl<'a> Scorer<'a> {
     /// Scores any motion on the first `count` votes.
     pub(super) fn score_motion(&self, motion: &Motion, tolerances: &Tolerances, count: usize) -> Score {
         let moved = |_: usize, s: &Sample| (motion.point(&s.position), motion.vector(&s.normal));
-        self.mean(tolerances, count, f64::NEG_INFINITY, moved).unwrap_or_default()
+        self.mean(tolerances, count, |_, _| true, moved).unwrap_or_default()
     }
 
     #[inline]
@@ -192,25 +247,32 @@ impl<'a> Scorer<'a> {
         &self,
         tolerances: &Tolerances,
         count: usize,
-        floor: f64,
+        mut keep: impl FnMut(usize, f64) -> bool,
         moved: impl Fn(usize, &Sample) -> (Point, Vector),
     ) -> Option<Score> {
-        let mut sum = Score::default();
-        let (count, mut felt) = (count.min(self.votes.len()), 0.0_f64);
-        for (k, s) in self.votes[..count].iter().enumerate() {
-            let (p, n) = moved(k, s);
-            let before = sum.opposition();
-            self.vote(&mut sum, tolerances, s, &p, &n);
-            if s.is_felt() {
-                felt += 1.0;
-                sum.felt_opposition += sum.opposition() - before;
+        let (mut sum, mut felt) = (Score::default(), 0.0_f64);
+        let votes = &self.votes[..count.min(self.votes.len())];
+        let (mut points, mut normals) = ([Point::origin(); BLOCK], [Vector::zeros(); BLOCK]);
+        for (block, first) in votes.chunks(BLOCK).zip((0..).step_by(BLOCK)) {
+            for (k, s) in block.iter().enumerate() {
+                (points[k], normals[k]) = moved(first + k, s);
             }
-            if k % 32 == 31 && Score::mean(&sum, (k + 1) as f64).value() < floor {
+            let landings = self.landings(&points, &normals);
+            for (k, s) in block.iter().enumerate() {
+                let before = sum.opposition();
+                self.vote(&mut sum, tolerances, s, &points[k], &normals[k], &landings[k]);
+                if s.is_felt() {
+                    felt += 1.0;
+                    sum.felt_opposition += sum.opposition() - before;
+                }
+            }
+            let counted = first + block.len();
+            if !keep(counted, Score::mean(&sum, counted as f64).value()) {
                 return None;
             }
         }
         let felt_opposition = sum.felt_opposition / felt.max(LEAST_FELT);
-        Some(Score { felt_opposition, ..Score::mean(&sum, count as f64) })
+        Some(Score { felt_opposition, ..Score::mean(&sum, votes.len() as f64) })
     }
 
     /// The votes that stay on the body in most turns about an axis, and the share of the others: of those, more than an eighth of the turns end
@@ -233,7 +295,8 @@ impl<'a> Scorer<'a> {
     pub(super) fn score_body(&self, body: &Body, tolerances: &Tolerances) -> Score {
         let mut sum = Score::default();
         for (s, m) in body.fitting.iter().flat_map(|s| body.motions.iter().map(move |m| (s, m))) {
-            self.vote(&mut sum, tolerances, s, &m.point(&s.position), &m.vector(&s.normal));
+            let (p, n) = (m.point(&s.position), m.vector(&s.normal));
+            self.vote(&mut sum, tolerances, s, &p, &n, &self.landings(&[p], &[n])[0]);
         }
         Score::mean(&sum, (body.fitting.len() * body.motions.len()) as f64)
     }
@@ -241,20 +304,30 @@ impl<'a> Scorer<'a> {
     /// The vote of one sample that moved to `p` with normal `n`.
     pub(super) fn of_one(&self, before: &Sample, p: &Point, n: &Vector, tolerances: &Tolerances) -> Score {
         let mut sum = Score::default();
-        self.vote(&mut sum, tolerances, before, p, n);
+        self.vote(&mut sum, tolerances, before, p, n, &self.landings(&[*p], &[*n])[0]);
         sum
     }
 
-    /// Adds the vote of one sample that moved from `before` to `p` with normal `n`.
+    /// What moved samples find.
     #[inline]
-    fn vote(&self, sum: &mut Score, t: &Tolerances, before: &Sample, p: &Point, n: &Vector) {
-        let mut depth = self.evidence.free_space.clearance(p);
-        if depth < PAD_DEPTH && self.evidence.free_space.pad_clearance(p) > 0.0 {
-            depth = PAD_DEPTH;
+    fn landings<const N: usize>(&self, points: &[Point; N], normals: &[Vector; N]) -> [Landing; N] {
+        let Evidence { free_space, index, samples, .. } = self.evidence;
+        let (depths, pads) = (free_space.clearances(points), free_space.pad_clearances(points));
+        let found = index.all_nearest_agreeing(samples, points, normals, AGREEMENT);
+        let mut landings = [Landing::default(); N];
+        for (k, landing) in landings.iter_mut().enumerate() {
+            landing.depth = if pads[k] > 0.0 { depths[k].max(PAD_DEPTH) } else { depths[k] };
+            landing.found = found[k];
         }
+        landings
+    }
+
+    /// Adds the vote of one sample that moved from `before` to `p` with normal `n` and found `landing` there.
+    #[inline]
+    fn vote(&self, sum: &mut Score, t: &Tolerances, before: &Sample, p: &Point, n: &Vector, landing: &Landing) {
+        let Landing { depth, found } = landing;
         let violation = ((depth - t.violation) / t.violation_range).clamp(0.0, 1.0);
         sum.violation += violation;
-        let found = self.evidence.index.nearest_agreeing(&self.evidence.samples, p, n, AGREEMENT);
         let Some(m) = found.filter(|m| m.tangential < TANGENTIAL && m.plane_offset < SAME_SURFACE.max(t.support))
         else {
             sum.neutral += f64::from(violation == 0.0);
@@ -312,5 +385,5 @@ fn hollowness(votes: &[Sample]) -> f64 {
             along > HOLLOW_NEAR && (d - p.normal * along).norm_squared() < HOLLOW_WIDTH * HOLLOW_WIDTH
         })
     };
-    votes.iter().filter(looks_at_another).count() as f64 / votes.len().max(1) as f64
+    votes.par_iter().filter(looks_at_another).count() as f64 / votes.len().max(1) as f64
 }
