@@ -18,6 +18,10 @@ const QUADRATIC_SOLVES: usize = 3;
 pub struct SmoothParams {
     /// Half the window, pixels (4 = 9×9). Larger: less noise, rounder edges; 4 brings 1 mm noise to about 2° of normal at 0.7 m.
     pub radius: usize,
+    /// Half the smallest window, pixels, where the surface turns. Larger: rounder edges; 2. From `radius` on, all windows are the same.
+    pub min_radius: usize,
+    /// A window shrinks while its residuals exceed the noise by this many of their own σ. Larger: rounder edges, less noise; 1.
+    pub max_misfit: f64,
     /// Reweighted solves, the first one unweighted. More: steps within the window blend less; 3 suffice.
     pub iterations: usize,
     /// Neighbours farther than this along the ray belong to another surface, metres. Larger: steps blend; 12 mm.
@@ -34,6 +38,8 @@ impl Default for SmoothParams {
     fn default() -> Self {
         Self {
             radius: 4,
+            min_radius: 2,
+            max_misfit: 1.0,
             iterations: 3,
             max_step: 0.012,
             max_residual_sigmas: 4.0,
@@ -48,6 +54,13 @@ impl SmoothParams {
     pub(crate) fn fault(&self) -> Option<(&'static str, f64, &'static str)> {
         let checks = [
             ((1..=MAX_RADIUS).contains(&self.radius), "smooth.radius", self.radius as f64, "between 1 and 8 pixels"),
+            (
+                (1..=MAX_RADIUS).contains(&self.min_radius),
+                "smooth.min_radius",
+                self.min_radius as f64,
+                "between 1 and 8 pixels",
+            ),
+            (!self.max_misfit.is_nan(), "smooth.max_misfit", self.max_misfit, "a number"),
             ((1..=20).contains(&self.iterations), "smooth.iterations", self.iterations as f64, "between 1 and 20"),
             (self.max_step > 0.0, "smooth.max_step", self.max_step, "positive, in metres"),
             (self.max_residual_sigmas > 0.0, "smooth.max_residual_sigmas", self.max_residual_sigmas, "positive"),
@@ -80,6 +93,8 @@ pub(super) struct LocalPlane {
 /// The fit is in q = z₀ (1 − z₀/z) ≈ z − z₀, which is *exactly* linear in (u, v) on a plane without lens distortion; in z a
 /// tilted plane is curved. The normal is the plane's; the depth is the centre of a quadratic with the same weights, because a
 /// plane lies half a millimetre behind a ball of 40 mm radius, everywhere, while the quadratic's larger noise averages out. Weights after the first solve: 1/(1 + (r/3σ)²)², the Geman–McClure ones.
+///
+/// The window is the largest, pixel by pixel, whose residuals noise explains: edges keep their shape, smooth parts lose their noise.
 pub fn smooth_depth(
     depth: &Raster<f32>,
     object: &Raster<bool>,
@@ -120,15 +135,36 @@ pub(super) fn oriented(
     (cosine >= min_cosine).then(|| (plane.z as f32, [normal.x as f32, normal.y as f32, normal.z as f32]))
 }
 
+/// The fit in the largest window whose residuals are those of the noise; else in the smallest.
 fn fit_pixel(
     depth: &Raster<f32>,
     object: &Raster<bool>,
-    (row, col): (usize, usize),
+    at: (usize, usize),
     sigma: f64,
     params: &SmoothParams,
 ) -> Option<LocalPlane> {
+    let largest = params.radius.min(MAX_RADIUS);
+    let smallest = params.min_radius.min(largest);
+    for radius in (smallest + 1..=largest).rev() {
+        let (fit, misfit) = fit_window(depth, object, at, radius, sigma, params)?;
+        if misfit <= params.max_misfit {
+            return fit;
+        }
+    }
+    fit_window(depth, object, at, smallest, sigma, params)?.0
+}
+
+/// The fit in one window, `None` if its depth at the centre is too far from the reading, and the misfit of its quadratic ([`misfit`]); 0 if it has
+/// none. `None` if there are too few neighbours for a plane.
+fn fit_window(
+    depth: &Raster<f32>,
+    object: &Raster<bool>,
+    (row, col): (usize, usize),
+    radius: usize,
+    sigma: f64,
+    params: &SmoothParams,
+) -> Option<(Option<LocalPlane>, f64)> {
     let (rows, cols) = depth.shape();
-    let radius = params.radius.min(MAX_RADIUS);
     let z0 = depth[(row, col)];
     let (mut du, mut dv, mut q) = ([0.0f32; MAX_WINDOW], [0.0f32; MAX_WINDOW], [0.0f32; MAX_WINDOW]);
     let mut count = 0;
@@ -154,15 +190,19 @@ fn fit_pixel(
         fit = solve_weighted(du, dv, q, fit, scale)?;
     }
     let scale = (1.0 / (3.0 * sigma)) as f32;
-    let offset = quadratic_offset(du, dv, q, fit, scale).unwrap_or(f64::from(fit[2]));
+    let (offset, misfit) = match quadratic(du, dv, q, fit, scale) {
+        Some(quadratic) => (f64::from(quadratic[0]), misfit(du, dv, q, &quadratic, sigma)),
+        None => (f64::from(fit[2]), 0.0),
+    };
     if offset.abs() > params.max_residual_sigmas * sigma {
-        return None;
+        return Some((None, misfit));
     }
     // 1/z = (1 − q/z₀)/z₀, hence z = z₀²/(z₀ − q) and ∂z = (z/z₀)² ∂q.
     let z0 = f64::from(z0);
     let z = z0 * z0 / (z0 - offset);
     let stretch = (z / z0).powi(2);
-    Some(LocalPlane { z, z_u: stretch * f64::from(fit[0]), z_v: stretch * f64::from(fit[1]) })
+    let plane = LocalPlane { z, z_u: stretch * f64::from(fit[0]), z_v: stretch * f64::from(fit[1]) };
+    Some((Some(plane), misfit))
 }
 
 /// One weighted least-squares solve of q = a du + b dv + c; `scale` = 1/(3σ), 0 for equal weights.
@@ -190,11 +230,11 @@ fn solve_weighted(du: &[f32], dv: &[f32], q: &[f32], [a, b, c]: [f32; 3], scale:
     Some([a as f32, b as f32, (mz - a * mx - b * my) as f32])
 }
 
-/// The value at the centre of a quadratic, fitted from the plane on by reweighted solves; `None` if ill-conditioned.
+/// A quadratic (see [`basis`]), fitted from the plane on by reweighted solves; `None` if ill-conditioned.
 ///
 /// The weights must be those of the quadratic's own residuals: weighted by the plane's, a curved surface is pulled to the plane by 0.4 of
 /// the distance between them, since noise that leads there weighs more. Each solve leaves 0.4 of that.
-fn quadratic_offset(du: &[f32], dv: &[f32], q: &[f32], [a, b, c]: [f32; 3], scale: f32) -> Option<f64> {
+fn quadratic(du: &[f32], dv: &[f32], q: &[f32], [a, b, c]: [f32; 3], scale: f32) -> Option<[f32; 6]> {
     if du.len() < MIN_QUADRATIC {
         return None;
     }
@@ -203,21 +243,44 @@ fn quadratic_offset(du: &[f32], dv: &[f32], q: &[f32], [a, b, c]: [f32; 3], scal
         fit = solve_quadratic(du, dv, q, &fit, scale)?;
     }
     // A one-sided window may extrapolate wildly: no farther from the plane than three σ.
-    Some(fit[0]).filter(|d| (d - c).abs() < 1.0 / scale).map(f64::from)
+    Some(fit).filter(|fit| (fit[0] - c).abs() < 1.0 / scale)
 }
 
 /// Columns of the quadratic are of order one over the window: x and y in units of four pixels.
 const QUADRATIC_UNIT: f32 = 0.25;
 
-/// One solve for 1, x, y, x², xy, y² with the weights of the residuals of `fit`. (What is solved for is the difference, which is small: single
+/// 1, x, y, x², xy, y².
+#[inline]
+fn basis(du: f32, dv: f32) -> [f32; 6] {
+    let (x, y) = (QUADRATIC_UNIT * du, QUADRATIC_UNIT * dv);
+    [1.0, x, y, x * x, x * y, y * y]
+}
+
+#[inline]
+fn dot(basis: &[f32; 6], fit: &[f32; 6]) -> f32 {
+    basis.iter().zip(fit).map(|(b, f)| b * f).sum()
+}
+
+/// By how many σ of the sum of squares of noise the residuals exceed it; each counts as three σ of the noise at most.
+///
+/// A window that noise alone explains is as large as it may be: smaller ones have more noise, larger ones bias (the choice of a bandwidth by
+/// Lepski's principle, here by a χ² test).
+fn misfit(du: &[f32], dv: &[f32], q: &[f32], fit: &[f32; 6], sigma: f64) -> f64 {
+    let most = 3.0 * sigma as f32;
+    let square = |((&x, &y), &z): ((&f32, &f32), &f32)| (z - dot(&basis(x, y), fit)).abs().min(most).powi(2);
+    let sum: f32 = du.iter().zip(dv).zip(q).map(square).sum();
+    let freedom = du.len() as f64 - 6.0;
+    (f64::from(sum) / (sigma * sigma) - freedom) / (2.0 * freedom).sqrt()
+}
+
+/// One solve for [`basis`] with the weights of the residuals of `fit`. (What is solved for is the difference, which is small: single
 /// precision suffices for a window at the object's edge.)
 fn solve_quadratic(du: &[f32], dv: &[f32], q: &[f32], fit: &[f32; 6], scale: f32) -> Option<[f32; 6]> {
     let mut normal = [[0.0f32; 6]; 6];
     let mut rhs = [0.0f32; 6];
     for ((&x, &y), &z) in du.iter().zip(dv).zip(q) {
-        let (x, y) = (QUADRATIC_UNIT * x, QUADRATIC_UNIT * y);
-        let basis = [1.0, x, y, x * x, x * y, y * y];
-        let residual = z - basis.iter().zip(fit).map(|(b, f)| b * f).sum::<f32>();
+        let basis = basis(x, y);
+        let residual = z - dot(&basis, fit);
         let r = residual * scale;
         let root = 1.0 / (1.0 + r * r);
         let w = root * root;
@@ -252,6 +315,28 @@ mod tests {
         Raster::from_fn(camera.height, camera.width, |row, col| {
             (plane.offset / plane.normal.dot(&camera.ray(col as f64, row as f64))) as f32
         })
+    }
+
+    #[test]
+    fn an_edge_keeps_its_shape_and_a_plane_loses_its_noise() {
+        // Two planes that meet in a ridge along the middle column, and noise.
+        let camera = camera();
+        let ridge = |col: usize| 0.6 + 0.002 * (col as f64 - 40.0).abs();
+        let mut rng = Pcg64Mcg::seed_from_u64(3);
+        let noise = Normal::new(0.0, 1e-3).expect("finite");
+        let depth = Raster::from_fn(camera.height, camera.width, |_, col| (ridge(col) + noise.sample(&mut rng)) as f32);
+        let object = Raster::filled(camera.height, camera.width, true);
+        let error = |min_radius: usize, cols: std::ops::Range<usize>| {
+            let params = SmoothParams { min_radius, ..SmoothParams::default() };
+            let (smooth, _) = smooth_depth(&depth, &object, &camera, QUIET, &params);
+            let errors = (5..55).flat_map(|row| cols.clone().map(move |col| (row, col)));
+            let errors: Vec<f64> = errors.map(|at| f64::from(smooth[at]) - ridge(at.1)).collect();
+            (errors.iter().map(|e| e * e).sum::<f64>() / errors.len() as f64).sqrt()
+        };
+        let (rounded, kept) = (error(4, 39..42), error(2, 39..42));
+        assert!(kept < 0.75 * rounded, "the ridge: {kept} m, with one window for all {rounded} m");
+        let (flat, adaptive) = (error(4, 10..30), error(2, 10..30));
+        assert!(adaptive < 1.25 * flat, "the plane: {adaptive} m, with one window for all {flat} m");
     }
 
     #[test]
