@@ -18,7 +18,7 @@ const QUADRATIC_SOLVES: usize = 3;
 pub struct SmoothParams {
     /// Half the window, pixels (4 = 9×9). Larger: less noise, rounder edges; 4 brings 1 mm noise to about 2° of normal at 0.7 m.
     pub radius: usize,
-    /// Half the smallest window, pixels, where the surface turns. Larger: rounder edges; 2. From `radius` on, all windows are the same.
+    /// Half the smallest window, pixels, where the surface turns. Larger: rounder edges; 3: smaller ones blur the rims of thin walls. From `radius` on, all windows are the same.
     pub min_radius: usize,
     /// A window shrinks while its residuals exceed the noise by this many of their own σ. Larger: rounder edges, less noise; 1.
     pub max_misfit: f64,
@@ -38,7 +38,7 @@ impl Default for SmoothParams {
     fn default() -> Self {
         Self {
             radius: 4,
-            min_radius: 2,
+            min_radius: 3,
             max_misfit: 1.0,
             iterations: 3,
             max_step: 0.012,
@@ -77,6 +77,7 @@ impl SmoothParams {
 }
 
 /// A plane through the neighbourhood of a pixel: depth there and its slopes, metres and metres per pixel.
+#[derive(Clone, Copy)]
 pub(super) struct LocalPlane {
     pub(super) z: f64,
     pub(super) z_u: f64,
@@ -104,15 +105,26 @@ pub fn smooth_depth(
 ) -> (Raster<f32>, Raster<[f32; 3]>) {
     let noise = noise.or_typical();
     let (rows, cols) = depth.shape();
+    let largest = params.radius.min(MAX_RADIUS);
+    let fit_in = |at: (usize, usize), radius: usize| {
+        let z = depth[at];
+        let sigma = noise.sigma_at(f64::from(z));
+        (object[at] && !z.is_nan()).then(|| fit_window(depth, object, at, radius, sigma, params)).flatten()
+    };
+    let wide = Raster::par_from_fn(rows, cols, |row, col| fit_in((row, col), largest));
+    let excess = excess_noise(&wide);
     let fitted = Raster::par_from_fn(rows, cols, |row, col| {
-        let dropped = (f32::NAN, [0.0; 3]);
-        if !object[(row, col)] || depth[(row, col)].is_nan() {
-            return dropped;
+        let mut fit = wide[(row, col)];
+        for radius in (params.min_radius..largest).rev() {
+            if fit.is_none_or(|f| f.misfit(excess) <= params.max_misfit) {
+                break;
+            }
+            fit = fit_in((row, col), radius);
         }
-        let sigma = noise.sigma_at(f64::from(depth[(row, col)]));
-        fit_pixel(depth, object, (row, col), sigma, params)
+        let plane = fit.and_then(|f| f.plane);
+        plane
             .and_then(|plane| oriented(&plane, camera, (row, col), params.min_incidence_cosine))
-            .unwrap_or(dropped)
+            .unwrap_or((f32::NAN, [0.0; 3]))
     });
     (fitted.map(|f| f.0), fitted.map(|f| f.1))
 }
@@ -135,27 +147,37 @@ pub(super) fn oriented(
     (cosine >= min_cosine).then(|| (plane.z as f32, [normal.x as f32, normal.y as f32, normal.z as f32]))
 }
 
-/// The fit in the largest window whose residuals are those of the noise; else in the smallest.
-fn fit_pixel(
-    depth: &Raster<f32>,
-    object: &Raster<bool>,
-    at: (usize, usize),
-    sigma: f64,
-    params: &SmoothParams,
-) -> Option<LocalPlane> {
-    let largest = params.radius.min(MAX_RADIUS);
-    let smallest = params.min_radius.min(largest);
-    for radius in (smallest + 1..=largest).rev() {
-        let (fit, misfit) = fit_window(depth, object, at, radius, sigma, params)?;
-        if misfit <= params.max_misfit {
-            return fit;
-        }
-    }
-    fit_window(depth, object, at, smallest, sigma, params)?.0
+/// What was fitted in one window.
+#[derive(Clone, Copy)]
+struct WindowFit {
+    /// `None` if the depth at the centre is too far from the reading.
+    plane: Option<LocalPlane>,
+    /// Sum of the squared residuals of the quadratic, in σ², and degrees of freedom; 0 and 0 without a quadratic.
+    chi_squared: f32,
+    freedom: f32,
 }
 
-/// The fit in one window, `None` if its depth at the centre is too far from the reading, and the misfit of its quadratic ([`misfit`]); 0 if it has
-/// none. `None` if there are too few neighbours for a plane.
+impl WindowFit {
+    /// By how many σ of the sum of squares the residuals exceed noise of `excess` times the stated variance.
+    ///
+    /// A window that noise alone explains is as large as it may be: smaller ones have more noise, larger ones bias (the choice of a bandwidth
+    /// by Lepski's principle, here by a χ² test).
+    fn misfit(&self, excess: f64) -> f64 {
+        let freedom = f64::from(self.freedom).max(1.0);
+        (f64::from(self.chi_squared) / excess - freedom) / (2.0 * freedom).sqrt()
+    }
+}
+
+/// How many times the stated variance the noise has, at least 1: where the fits are good, a quarter of the windows, nothing but noise is left. A
+/// sensor noisier than is said does not shrink every window.
+fn excess_noise(fits: &Raster<Option<WindowFit>>) -> f64 {
+    let ratio = |f: &WindowFit| (f.freedom > 0.0).then(|| f.chi_squared / f.freedom);
+    let mut ratios: Vec<f32> = fits.as_slice().iter().flatten().filter_map(ratio).collect();
+    let quarter = ratios.len() / 4;
+    if ratios.is_empty() { 1.0 } else { f64::from(*ratios.select_nth_unstable_by(quarter, f32::total_cmp).1).max(1.0) }
+}
+
+/// The fit in one window, half of it `radius` pixels; `None` if there are too few neighbours for a plane.
 fn fit_window(
     depth: &Raster<f32>,
     object: &Raster<bool>,
@@ -163,7 +185,7 @@ fn fit_window(
     radius: usize,
     sigma: f64,
     params: &SmoothParams,
-) -> Option<(Option<LocalPlane>, f64)> {
+) -> Option<WindowFit> {
     let (rows, cols) = depth.shape();
     let z0 = depth[(row, col)];
     let (mut du, mut dv, mut q) = ([0.0f32; MAX_WINDOW], [0.0f32; MAX_WINDOW], [0.0f32; MAX_WINDOW]);
@@ -190,19 +212,19 @@ fn fit_window(
         fit = solve_weighted(du, dv, q, fit, scale)?;
     }
     let scale = (1.0 / (3.0 * sigma)) as f32;
-    let (offset, misfit) = match quadratic(du, dv, q, fit, scale) {
-        Some(quadratic) => (f64::from(quadratic[0]), misfit(du, dv, q, &quadratic, sigma)),
-        None => (f64::from(fit[2]), 0.0),
-    };
+    let quadratic = quadratic(du, dv, q, fit, scale);
+    let offset = f64::from(quadratic.map_or(fit[2], |quadratic| quadratic[0]));
+    let chi_squared = quadratic.map_or(0.0, |quadratic| chi_squared(du, dv, q, &quadratic, sigma as f32));
+    let freedom = quadratic.map_or(0.0, |_| count as f32 - 6.0);
     if offset.abs() > params.max_residual_sigmas * sigma {
-        return Some((None, misfit));
+        return Some(WindowFit { plane: None, chi_squared, freedom });
     }
     // 1/z = (1 − q/z₀)/z₀, hence z = z₀²/(z₀ − q) and ∂z = (z/z₀)² ∂q.
     let z0 = f64::from(z0);
     let z = z0 * z0 / (z0 - offset);
     let stretch = (z / z0).powi(2);
     let plane = LocalPlane { z, z_u: stretch * f64::from(fit[0]), z_v: stretch * f64::from(fit[1]) };
-    Some((Some(plane), misfit))
+    Some(WindowFit { plane: Some(plane), chi_squared, freedom })
 }
 
 /// One weighted least-squares solve of q = a du + b dv + c; `scale` = 1/(3σ), 0 for equal weights.
@@ -261,16 +283,10 @@ fn dot(basis: &[f32; 6], fit: &[f32; 6]) -> f32 {
     basis.iter().zip(fit).map(|(b, f)| b * f).sum()
 }
 
-/// By how many σ of the sum of squares of noise the residuals exceed it; each counts as three σ of the noise at most.
-///
-/// A window that noise alone explains is as large as it may be: smaller ones have more noise, larger ones bias (the choice of a bandwidth by
-/// Lepski's principle, here by a χ² test).
-fn misfit(du: &[f32], dv: &[f32], q: &[f32], fit: &[f32; 6], sigma: f64) -> f64 {
-    let most = 3.0 * sigma as f32;
-    let square = |((&x, &y), &z): ((&f32, &f32), &f32)| (z - dot(&basis(x, y), fit)).abs().min(most).powi(2);
-    let sum: f32 = du.iter().zip(dv).zip(q).map(square).sum();
-    let freedom = du.len() as f64 - 6.0;
-    (f64::from(sum) / (sigma * sigma) - freedom) / (2.0 * freedom).sqrt()
+/// Sum of the squared residuals in σ²; each counts as three σ at most.
+fn chi_squared(du: &[f32], dv: &[f32], q: &[f32], fit: &[f32; 6], sigma: f32) -> f32 {
+    let square = |((&x, &y), &z): ((&f32, &f32), &f32)| ((z - dot(&basis(x, y), fit)) / sigma).abs().min(3.0).powi(2);
+    du.iter().zip(dv).zip(q).map(square).sum()
 }
 
 /// One solve for [`basis`] with the weights of the residuals of `fit`. (What is solved for is the difference, which is small: single
@@ -323,20 +339,26 @@ mod tests {
         let camera = camera();
         let ridge = |col: usize| 0.6 + 0.002 * (col as f64 - 40.0).abs();
         let mut rng = Pcg64Mcg::seed_from_u64(3);
-        let noise = Normal::new(0.0, 1e-3).expect("finite");
-        let depth = Raster::from_fn(camera.height, camera.width, |_, col| (ridge(col) + noise.sample(&mut rng)) as f32);
+        let mut noisy = |sigma: f64| {
+            let noise = Normal::new(0.0, sigma).expect("finite");
+            Raster::from_fn(camera.height, camera.width, |_, col| (ridge(col) + noise.sample(&mut rng)) as f32)
+        };
+        let (said, twice) = (noisy(1e-3), noisy(2e-3));
         let object = Raster::filled(camera.height, camera.width, true);
-        let error = |min_radius: usize, cols: std::ops::Range<usize>| {
+        let error = |depth: &Raster<f32>, min_radius: usize, cols: std::ops::Range<usize>| {
             let params = SmoothParams { min_radius, ..SmoothParams::default() };
-            let (smooth, _) = smooth_depth(&depth, &object, &camera, QUIET, &params);
+            let (smooth, _) = smooth_depth(depth, &object, &camera, QUIET, &params);
             let errors = (5..55).flat_map(|row| cols.clone().map(move |col| (row, col)));
             let errors: Vec<f64> = errors.map(|at| f64::from(smooth[at]) - ridge(at.1)).collect();
             (errors.iter().map(|e| e * e).sum::<f64>() / errors.len() as f64).sqrt()
         };
-        let (rounded, kept) = (error(4, 39..42), error(2, 39..42));
+        let (rounded, kept) = (error(&said, 4, 39..42), error(&said, 2, 39..42));
         assert!(kept < 0.75 * rounded, "the ridge: {kept} m, with one window for all {rounded} m");
-        let (flat, adaptive) = (error(4, 10..30), error(2, 10..30));
-        assert!(adaptive < 1.25 * flat, "the plane: {adaptive} m, with one window for all {flat} m");
+        // Of a sensor that is twice as noisy as is said, too.
+        for depth in [said, twice] {
+            let (flat, adaptive) = (error(&depth, 4, 10..30), error(&depth, 2, 10..30));
+            assert!(adaptive < 1.25 * flat, "the plane: {adaptive} m, with one window for all {flat} m");
+        }
     }
 
     #[test]
