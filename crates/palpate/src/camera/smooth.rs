@@ -349,7 +349,9 @@ mod tests {
             let params = SmoothParams { min_radius, ..SmoothParams::default() };
             let (smooth, _) = smooth_depth(depth, &object, &camera, QUIET, &params);
             let errors = (5..55).flat_map(|row| cols.clone().map(move |col| (row, col)));
-            let errors: Vec<f64> = errors.map(|at| f64::from(smooth[at]) - ridge(at.1)).collect();
+            let errors: Vec<f64> =
+                errors.map(|at| f64::from(smooth[at]) - ridge(at.1)).filter(|e| e.is_finite()).collect();
+            assert!(errors.len() > 100, "{} pixels stay", errors.len());
             (errors.iter().map(|e| e * e).sum::<f64>() / errors.len() as f64).sqrt()
         };
         let (rounded, kept) = (error(&said, 4, 39..42), error(&said, 2, 39..42));
