@@ -18,7 +18,7 @@ const QUADRATIC_SOLVES: usize = 3;
 pub struct SmoothParams {
     /// Half the window, pixels (4 = 9×9). Larger: less noise, rounder edges; 4 brings 1 mm noise to about 2° of normal at 0.7 m.
     pub radius: usize,
-    /// Half the smallest window, pixels, where the surface turns. Larger: rounder edges; 3: smaller ones blur the rims of thin walls. From `radius` on, all windows are the same.
+    /// Half the smallest window, pixels. Larger: rounder edges; 3: with 2, plates came out worse. From `radius` on, all windows are the same.
     pub min_radius: usize,
     /// A window shrinks while its residuals exceed the noise by this many of their own σ. Larger: rounder edges, less noise; 1.
     pub max_misfit: f64,
@@ -93,7 +93,8 @@ pub(super) struct LocalPlane {
 ///
 /// The fit is in q = z₀ (1 − z₀/z) ≈ z − z₀, which is *exactly* linear in (u, v) on a plane without lens distortion; in z a
 /// tilted plane is curved. The normal is the plane's; the depth is the centre of a quadratic with the same weights, because a
-/// plane lies half a millimetre behind a ball of 40 mm radius, everywhere, while the quadratic's larger noise averages out. Weights after the first solve: 1/(1 + (r/3σ)²)², the Geman–McClure ones.
+/// plane lies half a millimetre behind a ball of 40 mm radius, everywhere, while the quadratic's larger noise averages out.
+/// Weights after the first solve: 1/(1 + (r/3σ)²)², the Geman–McClure ones.
 ///
 /// The window is the largest, pixel by pixel, whose residuals noise explains: edges keep their shape, smooth parts lose their noise.
 pub fn smooth_depth(
@@ -121,8 +122,7 @@ pub fn smooth_depth(
             }
             fit = fit_in((row, col), radius);
         }
-        let plane = fit.and_then(|f| f.plane);
-        plane
+        fit.and_then(|f| f.plane)
             .and_then(|plane| oriented(&plane, camera, (row, col), params.min_incidence_cosine))
             .unwrap_or((f32::NAN, [0.0; 3]))
     });

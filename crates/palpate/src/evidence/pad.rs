@@ -23,9 +23,10 @@ struct Pad {
     sensor_from_world: IsometryMatrix3<f64>,
     corner: [f64; 2],
     gel: Raster<f32>,
-    /// What holds the layer, in the sensor frame, and in the world.
+    /// What holds the layer, in the sensor frame.
     layer: Aabb,
-    ball: Aabb,
+    /// The same in the world.
+    bounds: Aabb,
     /// How far behind the gel nothing is claimed, metres.
     margin: f64,
 }
@@ -89,7 +90,7 @@ impl PadClearance {
 impl PadIndex {
     /// O(pads · cells of a pad); `None` without pads.
     fn new(pads: &[Pad]) -> Option<Self> {
-        let bounds = pads.iter().map(|pad| pad.ball).reduce(|a, b| a.union(&b))?;
+        let bounds = pads.iter().map(|pad| pad.bounds).reduce(|a, b| a.union(&b))?;
         let spacing = INDEX_CELL.max(bounds.size().max() / INDEX_CELLS);
         let mut cells = VoxelGrid::covering(&bounds, spacing, [0; 2]);
         let mut reached: Vec<(usize, u32)> =
@@ -144,15 +145,16 @@ impl Pad {
             corner: [bounds.min.x, bounds.min.y],
             gel,
             layer,
-            ball: Aabb { min: center, max: center }.inflated(0.5 * layer.diagonal()),
+            bounds: Aabb { min: center, max: center }.inflated(0.5 * layer.diagonal()),
         })
     }
 
     /// The nodes of a grid that stand for points of the layer, and some beside it.
     fn cells<T>(&self, grid: &VoxelGrid<T>) -> Vec<usize> {
-        // A node stands for the points nearest to it, half a diagonal away at most.
-        let (dims, layer) = (grid.dims(), self.layer.inflated(0.87 * grid.spacing()));
-        let (low, high) = (grid.coordinates(&self.ball.min), grid.coordinates(&self.ball.max));
+        // A node stands for the points nearest to it, half a cell's diagonal away at most.
+        let half_diagonal = 0.5 * 3.0_f64.sqrt() * grid.spacing();
+        let (dims, layer) = (grid.dims(), self.layer.inflated(half_diagonal));
+        let (low, high) = (grid.coordinates(&self.bounds.min), grid.coordinates(&self.bounds.max));
         let range =
             |a: usize| (low[a] - 0.5).ceil().max(0.0) as usize..((high[a] + 0.5).floor() as usize + 1).min(dims[a]);
         let nodes = range(2).flat_map(|k| range(1).flat_map(move |j| range(0).map(move |i| (i, j, k))));

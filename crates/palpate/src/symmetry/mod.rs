@@ -5,6 +5,7 @@
 
 mod accept;
 mod axes;
+mod course;
 mod element;
 mod estimate;
 mod params;

@@ -1,6 +1,7 @@
+use super::course::Course;
 use super::element::SymmetryElement;
 use super::refine::refine_near;
-use super::score::{Course, Score, Scorer, Tolerances};
+use super::score::{Score, Scorer, Tolerances};
 use crate::geometry::{Plane, Point, Vector};
 use rayon::prelude::*;
 

@@ -102,18 +102,7 @@ const OTHER_SIDE: f64 = 0.004;
 const TURNS: usize = 64;
 
 /// Votes between two looks at the score so far.
-const BLOCK: usize = 16;
-/// An element whose score is behind another's by this over the root of the votes counted is clearly worse: three σ of the difference of two
-/// sums of the same votes.
-const BEHIND: f64 = 0.6;
-
-/// The score of an element on ever more votes.
-pub(super) struct Course {
-    /// On all of them.
-    pub(super) value: f64,
-    /// After every [`BLOCK`].
-    parts: Vec<f64>,
-}
+pub(super) const BLOCK: usize = 16;
 
 /// Where a moved sample comes to.
 #[derive(Clone, Copy, Default)]
@@ -185,28 +174,8 @@ impl<'a> Scorer<'a> {
         self.score_while(element, tolerances, count, |_, value| value >= floor)
     }
 
-    /// How the score of an element goes as votes are counted. Once it is clearly behind `best`, as far as that went, the rest is taken to be as
-    /// far behind.
-    pub(super) fn course(
-        &self,
-        element: &SymmetryElement,
-        tolerances: &Tolerances,
-        count: usize,
-        best: Option<&Course>,
-    ) -> Course {
-        let mut parts = Vec::with_capacity(count / BLOCK + 1);
-        let mut behind = 0.0;
-        let score = self.score_while(element, tolerances, count, |votes, value| {
-            behind = best.and_then(|b| b.parts.get(parts.len())).map_or(0.0, |b| b - value);
-            parts.push(value);
-            behind < BEHIND / (votes as f64).sqrt()
-        });
-        let value = score.map_or_else(|| best.map_or(f64::NEG_INFINITY, |b| b.value) - behind, |s| s.value());
-        Course { value, parts }
-    }
-
     /// Scores an element, block by block, while `keep` says so of the votes counted and the value up to there.
-    fn score_while(
+    pub(super) fn score_while(
         &self,
         element: &SymmetryElement,
         tolerances: &Tolerances,
@@ -386,4 +355,59 @@ fn hollowness(votes: &[Sample]) -> f64 {
         })
     };
     votes.par_iter().filter(looks_at_another).count() as f64 / votes.len().max(1) as f64
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::evidence::EvidenceParams;
+    use crate::evidence::testing::{Solid, touch, view};
+    use crate::geometry::Plane;
+
+    const CENTER: Point = Point::new(0.0, 0.0, 0.03);
+
+    /// A box, seen, and touched on two sides.
+    fn evidence() -> Evidence {
+        let solids = [Solid::Box(CENTER, Vector::new(0.045, 0.025, 0.03), 0.8)];
+        let (frame, visible) = view(&solids, 0.0);
+        let side = Vector::new(0.8_f64.cos(), 0.8_f64.sin(), 0.0) * 0.1;
+        let mut patches = [side, -side].map(|side| touch(&solids, CENTER + side, CENTER));
+        for patch in &mut patches {
+            // A rim of gel that touches nothing.
+            let gel = (0..256).map(|i| Point::new(f64::from(i % 16 - 8) * 1e-3, f64::from(i / 16 - 8) * 1e-3, 0.0));
+            let rim = gel.filter(|p| p.x.abs().max(p.y.abs()) > 0.0045);
+            patch.clearance = rim.map(|p| patch.world_from_sensor * p).collect();
+        }
+        Evidence::gather(&frame, &visible, &patches, &EvidenceParams::default()).expect("the box is seen")
+    }
+
+    fn upright(yaw: f64, shift: f64) -> SymmetryElement {
+        let n = Vector::new(yaw.cos(), yaw.sin(), 0.0);
+        SymmetryElement::Reflection(Plane::new(n, &(CENTER + n * shift)).expect("a direction"))
+    }
+
+    #[test]
+    fn what_samples_find_together_is_what_each_finds_alone() {
+        let (evidence, params) = (evidence(), SymmetryParams::default());
+        let scorer = Scorer::new(&evidence, &params);
+        let (mut free, mut pads, mut met) = (0, 0, 0);
+        for shift in [0.0, 0.001, 0.015, 3.0] {
+            let SymmetryElement::Reflection(plane) = upright(0.8, shift) else { unreachable!("made of a plane") };
+            for four in scorer.votes.chunks_exact(4) {
+                let points: [Point; 4] = std::array::from_fn(|k| plane.reflect_point(&four[k].position));
+                let normals: [Vector; 4] = std::array::from_fn(|k| plane.reflect_vector(&four[k].normal));
+                let landings = scorer.landings(&points, &normals);
+                for k in 0..4 {
+                    let (clearance, pad) =
+                        (evidence.free_space.clearance(&points[k]), evidence.free_space.pad_clearance(&points[k]));
+                    assert_eq!(landings[k].depth, if pad > 0.0 { clearance.max(PAD_DEPTH) } else { clearance });
+                    let found = evidence.index.nearest_agreeing(&evidence.samples, &points[k], &normals[k], AGREEMENT);
+                    assert_eq!(landings[k].found, found, "at {}", points[k]);
+                    (free, pads) = (free + usize::from(clearance > 0.0), pads + usize::from(pad > 0.0));
+                    met += usize::from(found.is_some());
+                }
+            }
+        }
+        assert!(free > 50 && pads > 0 && met > 50, "{free} in free space, {pads} behind gel, {met} on the surface");
+    }
 }
