@@ -15,6 +15,7 @@ mod smooth;
 mod support;
 mod undistort;
 mod visible;
+mod window_fit;
 
 pub use cloud::{CleanCloud, clean_cloud};
 pub use depth_image::{Background, DepthNoise, Frame};

@@ -1,5 +1,6 @@
 use super::PinholeCamera;
-use super::smooth::{LocalPlane, oriented};
+use super::smooth::oriented;
+use super::window_fit::LocalPlane;
 use crate::geometry::Raster;
 
 /// Fewest readings of a fit.

@@ -1,16 +1,13 @@
+use super::window_fit::{LocalPlane, MAX_RADIUS, WindowFit, fit_window};
 use super::{DepthNoise, PinholeCamera};
 use crate::geometry::{Raster, Vector};
-use nalgebra::{Matrix6, Vector6};
+use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-/// Largest window radius; it bounds the stack buffers.
-const MAX_RADIUS: usize = 8;
-const MAX_WINDOW: usize = (2 * MAX_RADIUS + 1) * (2 * MAX_RADIUS + 1);
-
-/// Fewest neighbours of a quadratic fit: four per unknown.
-const MIN_QUADRATIC: usize = 24;
-/// Reweighted solves of the quadratic.
-const QUADRATIC_SOLVES: usize = 3;
+/// A window steps aside only where at least this share of it has readings of the object: at the outline there is no side to step to.
+const WHOLE: f64 = 0.75;
+/// And only to a window whose surface is this near to the reading, σ.
+const SAME_SURFACE: f64 = 2.5;
 
 /// How depth is denoised.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -22,6 +19,9 @@ pub struct SmoothParams {
     pub min_radius: usize,
     /// A window shrinks while its residuals exceed the noise by this many of their own σ. Larger: rounder edges, less noise; 1.
     pub max_misfit: f64,
+    /// How far a window steps aside where noise does not explain its residuals, pixels; 0: never. Larger: edges keep their shape up to farther
+    /// away, less where steps are near; 2.
+    pub shift: usize,
     /// Reweighted solves, the first one unweighted. More: steps within the window blend less; 3 suffice.
     pub iterations: usize,
     /// Neighbours farther than this along the ray belong to another surface, metres. Larger: steps blend; 12 mm.
@@ -40,6 +40,7 @@ impl Default for SmoothParams {
             radius: 4,
             min_radius: 3,
             max_misfit: 1.0,
+            shift: 2,
             iterations: 3,
             max_step: 0.012,
             max_residual_sigmas: 4.0,
@@ -60,7 +61,8 @@ impl SmoothParams {
                 self.min_radius as f64,
                 "between 1 and 8 pixels",
             ),
-            (!self.max_misfit.is_nan(), "smooth.max_misfit", self.max_misfit, "a number"),
+            (self.max_misfit >= 0.0, "smooth.max_misfit", self.max_misfit, "at least 0"),
+            (self.shift <= MAX_RADIUS, "smooth.shift", self.shift as f64, "at most 8 pixels"),
             ((1..=20).contains(&self.iterations), "smooth.iterations", self.iterations as f64, "between 1 and 20"),
             (self.max_step > 0.0, "smooth.max_step", self.max_step, "positive, in metres"),
             (self.max_residual_sigmas > 0.0, "smooth.max_residual_sigmas", self.max_residual_sigmas, "positive"),
@@ -76,14 +78,6 @@ impl SmoothParams {
     }
 }
 
-/// A plane through the neighbourhood of a pixel: depth there and its slopes, metres and metres per pixel.
-#[derive(Clone, Copy)]
-pub(super) struct LocalPlane {
-    pub(super) z: f64,
-    pub(super) z_u: f64,
-    pub(super) z_v: f64,
-}
-
 /// Denoises depth and takes normals in one pass: around each object pixel a plane is fitted robustly to the object's readings.
 ///
 /// * `depth` – metres, NaN = no reading; only pixels with `object` true are read or written
@@ -96,7 +90,12 @@ pub(super) struct LocalPlane {
 /// plane lies half a millimetre behind a ball of 40 mm radius, everywhere, while the quadratic's larger noise averages out.
 /// Weights after the first solve: 1/(1 + (r/3σ)²)², the Geman–McClure ones.
 ///
-/// The window is the largest, pixel by pixel, whose residuals noise explains: edges keep their shape, smooth parts lose their noise.
+/// Where noise does not explain a window's residuals, at an edge, the window steps aside to where it does, and if there is no such place, it
+/// shrinks: edges keep their shape, smooth parts lose their noise. O(object pixels · window).
+///
+/// # References
+/// Kuwahara et al., *Processing of RI-angiocardiographic images*, 1976 (of the windows that hold a pixel, the most uniform one; here the one
+/// whose residuals are least); Lepski, *On a problem of adaptive estimation in Gaussian white noise*, 1991 (the largest window that noise explains).
 pub fn smooth_depth(
     depth: &Raster<f32>,
     object: &Raster<bool>,
@@ -105,28 +104,115 @@ pub fn smooth_depth(
     params: &SmoothParams,
 ) -> (Raster<f32>, Raster<[f32; 3]>) {
     let noise = noise.or_typical();
+    let windows = Windows::fit(depth, object, noise, params);
     let (rows, cols) = depth.shape();
-    let largest = params.radius.min(MAX_RADIUS);
-    let fit_in = |at: (usize, usize), radius: usize| {
-        let z = depth[at];
-        let sigma = noise.sigma_at(f64::from(z));
-        (object[at] && !z.is_nan()).then(|| fit_window(depth, object, at, radius, sigma, params)).flatten()
-    };
-    let wide = Raster::par_from_fn(rows, cols, |row, col| fit_in((row, col), largest));
-    let excess = excess_noise(&wide);
     let fitted = Raster::par_from_fn(rows, cols, |row, col| {
-        let mut fit = wide[(row, col)];
-        for radius in (params.min_radius..largest).rev() {
-            if fit.is_none_or(|f| f.misfit(excess) <= params.max_misfit) {
-                break;
-            }
-            fit = fit_in((row, col), radius);
-        }
-        fit.and_then(|f| f.plane)
+        let plane = windows.wide((row, col)).and_then(|wide| windows.chosen(wide, (row, col)));
+        plane
             .and_then(|plane| oriented(&plane, camera, (row, col), params.min_incidence_cosine))
             .unwrap_or((f32::NAN, [0.0; 3]))
     });
     (fitted.map(|f| f.0), fitted.map(|f| f.1))
+}
+
+/// No window is fitted at a pixel.
+const NONE: u32 = u32::MAX;
+
+/// The widest windows of all pixels of an object, and what smaller ones are fitted to.
+struct Windows<'a> {
+    depth: &'a Raster<f32>,
+    object: &'a Raster<bool>,
+    noise: DepthNoise,
+    params: &'a SmoothParams,
+    /// Number of the fit of each pixel.
+    at: Raster<u32>,
+    fits: Vec<WindowFit>,
+    excess: f64,
+}
+
+impl<'a> Windows<'a> {
+    fn fit(depth: &'a Raster<f32>, object: &'a Raster<bool>, noise: DepthNoise, params: &'a SmoothParams) -> Self {
+        let is_read = |at: &(usize, usize)| object[*at] && !depth[*at].is_nan();
+        let pixels: Vec<(usize, usize)> = depth.pixels().map(|(r, c, _)| (r, c)).filter(is_read).collect();
+        let (rows, cols) = depth.shape();
+        let none = Raster::filled(rows, cols, NONE);
+        let mut windows = Self { depth, object, noise, params, at: none, fits: Vec::new(), excess: 1.0 };
+        let fits: Vec<_> = pixels.par_iter().map(|&at| Some((at, windows.around(at, params.radius)?))).collect();
+        for (at, fit) in fits.into_iter().flatten() {
+            windows.at[at] = windows.fits.len() as u32;
+            windows.fits.push(fit);
+        }
+        windows.excess = excess_noise(&windows.fits);
+        windows
+    }
+
+    /// The fit in the window around a pixel.
+    fn around(&self, at: (usize, usize), radius: usize) -> Option<WindowFit> {
+        fit_window(self.depth, self.object, at, radius, self.sigma(at), self.params)
+    }
+
+    fn sigma(&self, at: (usize, usize)) -> f64 {
+        self.noise.sigma_at(f64::from(self.depth[at]))
+    }
+
+    fn wide(&self, at: (usize, usize)) -> Option<&WindowFit> {
+        self.fits.get(self.at[at] as usize)
+    }
+
+    fn is_explained(&self, fit: &WindowFit) -> bool {
+        fit.misfit(self.excess) <= self.params.max_misfit
+    }
+
+    /// The plane at a pixel: of the window around it, of the best one beside, or of a smaller one. A smaller one without a fit, or
+    /// without curvature where the larger one has it, is no better.
+    fn chosen(&self, wide: &WindowFit, at: (usize, usize)) -> Option<LocalPlane> {
+        if self.is_explained(wide) {
+            return wide.plane;
+        }
+        self.beside(wide, at).or_else(|| {
+            let mut chosen = *wide;
+            for radius in (self.params.min_radius..self.params.radius).rev() {
+                match self.around(at, radius) {
+                    Some(fit) if fit.plane.is_some() && fit.is_curved() >= chosen.is_curved() => chosen = fit,
+                    _ => break,
+                }
+                if self.is_explained(&chosen) {
+                    break;
+                }
+            }
+            chosen.plane
+        })
+    }
+
+    /// The surface at a pixel by the window beside it that noise explains best, of those no emptier than its own.
+    fn beside(&self, own: &WindowFit, (row, col): (usize, usize)) -> Option<LocalPlane> {
+        let (shift, full) = (self.params.shift as isize, (2 * self.params.radius + 1).pow(2));
+        if shift == 0 || (own.count as f64) < WHOLE * full as f64 {
+            return None;
+        }
+        let (z, sigma) = (f64::from(self.depth[(row, col)]), self.sigma((row, col)));
+        let mut best: Option<(f64, LocalPlane)> = None;
+        for (dv, du) in (-1..=1).flat_map(|dv| (-1..=1).map(move |du| (dv * shift, du * shift))) {
+            let center = row.checked_add_signed(dv).zip(col.checked_add_signed(du));
+            let Some(center) = center.filter(|&(r, c)| self.at.get(r, c).is_some()) else { continue };
+            let Some(fit) = self.wide(center).filter(|f| f.plane.is_some() && f.count >= own.count) else { continue };
+            let Some(plane) = fit.surface_at(-du as f64, -dv as f64, f64::from(self.depth[center])) else { continue };
+            let misfit = fit.misfit(self.excess);
+            let fits = misfit <= self.params.max_misfit && (plane.z - z).abs() < SAME_SURFACE * sigma;
+            if fits && best.as_ref().is_none_or(|b| misfit < b.0) {
+                best = Some((misfit, plane));
+            }
+        }
+        best.map(|b| b.1)
+    }
+}
+
+/// How many times the stated variance the noise has, at least 1: where the fits are good, a quarter of the windows, nothing but noise is left. A
+/// sensor noisier than is said does not shrink every window.
+fn excess_noise(fits: &[WindowFit]) -> f64 {
+    let mut ratios: Vec<f32> = fits.iter().filter_map(WindowFit::variance_ratio).collect();
+    let quarter = ratios.len() / 4;
+    if ratios.is_empty() { 1.0 } else { f64::from(*ratios.select_nth_unstable_by(quarter, f32::total_cmp).1).max(1.0) }
 }
 
 /// The depth and the unit normal of a local plane at a pixel, facing the camera; `None` below the least cosine with the ray.
@@ -145,172 +231,6 @@ pub(super) fn oriented(
     let normal = tangent_v.cross(&tangent_u).try_normalize(1e-300)?;
     let cosine = -normal.dot(&ray) / ray.norm();
     (cosine >= min_cosine).then(|| (plane.z as f32, [normal.x as f32, normal.y as f32, normal.z as f32]))
-}
-
-/// What was fitted in one window.
-#[derive(Clone, Copy)]
-struct WindowFit {
-    /// `None` if the depth at the centre is too far from the reading.
-    plane: Option<LocalPlane>,
-    /// Sum of the squared residuals of the quadratic, in σ², and degrees of freedom; 0 and 0 without a quadratic.
-    chi_squared: f32,
-    freedom: f32,
-}
-
-impl WindowFit {
-    /// By how many σ of the sum of squares the residuals exceed noise of `excess` times the stated variance.
-    ///
-    /// A window that noise alone explains is as large as it may be: smaller ones have more noise, larger ones bias (the choice of a bandwidth
-    /// by Lepski's principle, here by a χ² test).
-    fn misfit(&self, excess: f64) -> f64 {
-        let freedom = f64::from(self.freedom).max(1.0);
-        (f64::from(self.chi_squared) / excess - freedom) / (2.0 * freedom).sqrt()
-    }
-}
-
-/// How many times the stated variance the noise has, at least 1: where the fits are good, a quarter of the windows, nothing but noise is left. A
-/// sensor noisier than is said does not shrink every window.
-fn excess_noise(fits: &Raster<Option<WindowFit>>) -> f64 {
-    let ratio = |f: &WindowFit| (f.freedom > 0.0).then(|| f.chi_squared / f.freedom);
-    let mut ratios: Vec<f32> = fits.as_slice().iter().flatten().filter_map(ratio).collect();
-    let quarter = ratios.len() / 4;
-    if ratios.is_empty() { 1.0 } else { f64::from(*ratios.select_nth_unstable_by(quarter, f32::total_cmp).1).max(1.0) }
-}
-
-/// The fit in one window, half of it `radius` pixels; `None` if there are too few neighbours for a plane.
-fn fit_window(
-    depth: &Raster<f32>,
-    object: &Raster<bool>,
-    (row, col): (usize, usize),
-    radius: usize,
-    sigma: f64,
-    params: &SmoothParams,
-) -> Option<WindowFit> {
-    let (rows, cols) = depth.shape();
-    let z0 = depth[(row, col)];
-    let (mut du, mut dv, mut q) = ([0.0f32; MAX_WINDOW], [0.0f32; MAX_WINDOW], [0.0f32; MAX_WINDOW]);
-    let mut count = 0;
-    let max_step = params.max_step as f32;
-    for r in row.saturating_sub(radius)..(row + radius + 1).min(rows) {
-        for c in col.saturating_sub(radius)..(col + radius + 1).min(cols) {
-            let z = depth[(r, c)];
-            if object[(r, c)] && (z - z0).abs() < max_step {
-                du[count] = c as f32 - col as f32;
-                dv[count] = r as f32 - row as f32;
-                q[count] = z0 * (z - z0) / z;
-                count += 1;
-            }
-        }
-    }
-    if count < params.min_neighbours {
-        return None;
-    }
-    let (du, dv, q) = (&du[..count], &dv[..count], &q[..count]);
-    let mut fit = [0.0f32; 3];
-    for iteration in 0..params.iterations {
-        let scale = if iteration == 0 { 0.0 } else { (1.0 / (3.0 * sigma)) as f32 };
-        fit = solve_weighted(du, dv, q, fit, scale)?;
-    }
-    let scale = (1.0 / (3.0 * sigma)) as f32;
-    let quadratic = quadratic(du, dv, q, fit, scale);
-    let offset = f64::from(quadratic.map_or(fit[2], |quadratic| quadratic[0]));
-    let chi_squared = quadratic.map_or(0.0, |quadratic| chi_squared(du, dv, q, &quadratic, sigma as f32));
-    let freedom = quadratic.map_or(0.0, |_| count as f32 - 6.0);
-    if offset.abs() > params.max_residual_sigmas * sigma {
-        return Some(WindowFit { plane: None, chi_squared, freedom });
-    }
-    // 1/z = (1 − q/z₀)/z₀, hence z = z₀²/(z₀ − q) and ∂z = (z/z₀)² ∂q.
-    let z0 = f64::from(z0);
-    let z = z0 * z0 / (z0 - offset);
-    let stretch = (z / z0).powi(2);
-    let plane = LocalPlane { z, z_u: stretch * f64::from(fit[0]), z_v: stretch * f64::from(fit[1]) };
-    Some(WindowFit { plane: Some(plane), chi_squared, freedom })
-}
-
-/// One weighted least-squares solve of q = a du + b dv + c; `scale` = 1/(3σ), 0 for equal weights.
-fn solve_weighted(du: &[f32], dv: &[f32], q: &[f32], [a, b, c]: [f32; 3], scale: f32) -> Option<[f32; 3]> {
-    let mut sums = [0.0f32; 9];
-    for ((&x, &y), &z) in du.iter().zip(dv).zip(q) {
-        let r = (a * x + b * y + c - z) * scale;
-        let root = 1.0 / (1.0 + r * r);
-        let w = root * root;
-        let (wx, wy) = (w * x, w * y);
-        for (sum, term) in sums.iter_mut().zip([wx * x, wx * y, wx, wy * y, wy, w, wx * z, wy * z, w * z]) {
-            *sum += term;
-        }
-    }
-    let [xx, xy, x, yy, y, n, xz, yz, z] = sums.map(f64::from);
-    // Eliminate c first: what is left is the 2×2 covariance, whose determinant tells a line from a patch.
-    let (mx, my, mz) = (x / n, y / n, z / n);
-    let (cxx, cxy, cyy) = (xx - x * mx, xy - x * my, yy - y * my);
-    let (cxz, cyz) = (xz - x * mz, yz - y * mz);
-    let det = cxx * cyy - cxy * cxy;
-    if !(det > 1e-3 * n * n) {
-        return None;
-    }
-    let (a, b) = ((cyy * cxz - cxy * cyz) / det, (cxx * cyz - cxy * cxz) / det);
-    Some([a as f32, b as f32, (mz - a * mx - b * my) as f32])
-}
-
-/// A quadratic (see [`basis`]), fitted from the plane on by reweighted solves; `None` if ill-conditioned.
-///
-/// The weights must be those of the quadratic's own residuals: weighted by the plane's, a curved surface is pulled to the plane by 0.4 of
-/// the distance between them, since noise that leads there weighs more. Each solve leaves 0.4 of that.
-fn quadratic(du: &[f32], dv: &[f32], q: &[f32], [a, b, c]: [f32; 3], scale: f32) -> Option<[f32; 6]> {
-    if du.len() < MIN_QUADRATIC {
-        return None;
-    }
-    let mut fit = [c, a / QUADRATIC_UNIT, b / QUADRATIC_UNIT, 0.0, 0.0, 0.0];
-    for _ in 0..QUADRATIC_SOLVES {
-        fit = solve_quadratic(du, dv, q, &fit, scale)?;
-    }
-    // A one-sided window may extrapolate wildly: no farther from the plane than three σ.
-    Some(fit).filter(|fit| (fit[0] - c).abs() < 1.0 / scale)
-}
-
-/// Columns of the quadratic are of order one over the window: x and y in units of four pixels.
-const QUADRATIC_UNIT: f32 = 0.25;
-
-/// 1, x, y, x², xy, y².
-#[inline]
-fn basis(du: f32, dv: f32) -> [f32; 6] {
-    let (x, y) = (QUADRATIC_UNIT * du, QUADRATIC_UNIT * dv);
-    [1.0, x, y, x * x, x * y, y * y]
-}
-
-#[inline]
-fn dot(basis: &[f32; 6], fit: &[f32; 6]) -> f32 {
-    basis.iter().zip(fit).map(|(b, f)| b * f).sum()
-}
-
-/// Sum of the squared residuals in σ²; each counts as three σ at most.
-fn chi_squared(du: &[f32], dv: &[f32], q: &[f32], fit: &[f32; 6], sigma: f32) -> f32 {
-    let square = |((&x, &y), &z): ((&f32, &f32), &f32)| ((z - dot(&basis(x, y), fit)) / sigma).abs().min(3.0).powi(2);
-    du.iter().zip(dv).zip(q).map(square).sum()
-}
-
-/// One solve for [`basis`] with the weights of the residuals of `fit`. (What is solved for is the difference, which is small: single
-/// precision suffices for a window at the object's edge.)
-fn solve_quadratic(du: &[f32], dv: &[f32], q: &[f32], fit: &[f32; 6], scale: f32) -> Option<[f32; 6]> {
-    let mut normal = [[0.0f32; 6]; 6];
-    let mut rhs = [0.0f32; 6];
-    for ((&x, &y), &z) in du.iter().zip(dv).zip(q) {
-        let basis = basis(x, y);
-        let residual = z - dot(&basis, fit);
-        let r = residual * scale;
-        let root = 1.0 / (1.0 + r * r);
-        let w = root * root;
-        for i in 0..6 {
-            let wi = w * basis[i];
-            rhs[i] += wi * residual;
-            for j in i..6 {
-                normal[i][j] += wi * basis[j];
-            }
-        }
-    }
-    let matrix = Matrix6::from_fn(|i, j| f64::from(normal[i.min(j)][i.max(j)]));
-    let step = matrix.cholesky()?.solve(&Vector6::from_fn(|i, _| f64::from(rhs[i])));
-    Some(std::array::from_fn(|i| fit[i] + step[i] as f32))
 }
 
 #[cfg(test)]

@@ -96,7 +96,8 @@ pub(super) fn corrections(evidence: &Evidence, families: &[Vec<&Copying>]) -> Ve
 struct Miss {
     /// Of the copy.
     at: Place,
-    /// From the copy to the sample along the sample's normal, metres.
+    /// From the copy to the sample along the mean of their normals, metres. (Along one of them, two places of a ball would miss one another by
+    /// d² / 2R, always outwards: the chord is perpendicular to the mean.)
     offset: f64,
     /// Cosine of the normals.
     agreement: f64,
@@ -115,7 +116,8 @@ fn misses<'a>(evidence: &'a Evidence, copying: &'a Copying) -> impl Iterator<Ite
         if !(s.is_felt() || there.is_felt()) {
             return None;
         }
-        let offset = (there.position - position).dot(&there.normal);
+        let between = (there.normal + normal).try_normalize(1e-9)?;
+        let offset = (there.position - position).dot(&between);
         let beside = found.tangential < TANGENTIAL && offset.abs() < BESIDE;
         beside.then_some(Miss { at: (position, normal), offset, agreement: found.agreement })
     })
