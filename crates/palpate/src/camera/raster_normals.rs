@@ -15,7 +15,7 @@ const LINE: f32 = 0.1;
 ///   another surface, metres
 ///
 /// One least-squares plane in the inverse depth, which is *exactly* linear in (u, v) on a plane without lens distortion. Neither denoises nor weighs:
-/// [`smooth_depth`](super::smooth_depth) does, and takes twenty times as long. O(pixels · window).
+/// [`smooth_depth`](super::smooth_depth) does, and takes many times as long. O(pixels · window).
 pub fn raster_normals(depth: &Raster<f32>, camera: &PinholeCamera, radius: usize, max_step: f64) -> Raster<[f32; 3]> {
     let (rows, cols) = depth.shape();
     let inverse = depth.map(|z| 1.0 / z);

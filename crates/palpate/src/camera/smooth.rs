@@ -86,7 +86,7 @@ impl SmoothParams {
 /// Returns the denoised depth (NaN where dropped) and unit normals in the **camera** frame, facing the camera.
 ///
 /// The fit is in q = z₀ (1 − z₀/z) ≈ z − z₀, which is *exactly* linear in (u, v) on a plane without lens distortion; in z a
-/// tilted plane is curved. The normal is the plane's; the depth is the centre of a quadratic with the same weights, because a
+/// tilted plane is curved. The normal is the plane's; the depth is the centre of a quadratic, because a
 /// plane lies half a millimetre behind a ball of 40 mm radius, everywhere, while the quadratic's larger noise averages out.
 /// Weights after the first solve: 1/(1 + (r/3σ)²)², the Geman–McClure ones.
 ///

@@ -28,6 +28,7 @@ const GRID: Grid = Grid {
     noises: &[2.5e-4, 5e-4, 1e-3],
     usual: 1e-3,
     across: 1.0,
+    facing: 4,
     or_noise: true,
 };
 

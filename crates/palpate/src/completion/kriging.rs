@@ -25,13 +25,15 @@ pub(super) struct Grid {
     pub(super) usual: f64,
     /// How much farther apart places are along their normals than along the surface.
     pub(super) across: f64,
+    /// Power of (1 + n·n') / 2: how soon a side that faces another way is another surface.
+    pub(super) facing: i32,
     /// Whether 0 everywhere, but for noise, is an answer too.
     pub(super) or_noise: bool,
 }
 
 /// A quantity known at some places of a surface, carried over to others: a Gaussian process of mean 0 over position and normal.
 ///
-/// k = σ² w(|Δp| / ℓ) ((1 + n·n') / 2)², w(d) = (1 − d)₊⁴ (4 d + 1), where the part of Δp along the normals, the greater of the two, counts
+/// k = σ² w(|Δp| / ℓ) ((1 + n·n') / 2)^f, w(d) = (1 − d)₊⁴ (4 d + 1), where the part of Δp along the normals, the greater of the two, counts
 /// `across` times. σ, ℓ and the noise are those of greatest posterior density. With `across` ≠ 1 that is no covariance for every set of places;
 /// where the matrix is not positive definite, the hyperparameters are passed over.
 ///
@@ -43,13 +45,20 @@ pub(super) struct Kriging {
     anchors: Vec<Place>,
     weights: DVector<f64>,
     root: Cholesky<f64, Dyn>,
-    length: f64,
-    across: f64,
+    kernel: Kernel,
     variance: f64,
 }
 
-/// Log density, weights, root of the covariance, length, variance.
-type Fit = (f64, DVector<f64>, Cholesky<f64, Dyn>, f64, f64);
+/// Correlation of two places.
+#[derive(Debug, Clone, Copy)]
+struct Kernel {
+    length: f64,
+    across: f64,
+    facing: i32,
+}
+
+/// Log density, weights, root of the covariance, kernel, variance.
+type Fit = (f64, DVector<f64>, Cholesky<f64, Dyn>, Kernel, f64);
 
 impl Kriging {
     /// `None` without observations, and where noise alone explains them at least as well if that is an answer. O(cells³), at most 150 cells.
@@ -64,7 +73,8 @@ impl Kriging {
         let noise_alone = noises.map(alone).fold(f64::NEG_INFINITY, f64::max);
         let best_of = |&length: &f64| {
             let (mut densest, mut best) = (noise_alone, None);
-            let correlation = DMatrix::from_fn(n, n, |i, j| correlation(&anchors[i], &anchors[j], length, grid.across));
+            let kernel = Kernel { length, across: grid.across, facing: grid.facing };
+            let correlation = DMatrix::from_fn(n, n, |i, j| kernel.correlation(&anchors[i], &anchors[j]));
             for (&sigma, &noise) in grid.sigmas.iter().flat_map(|s| grid.noises.iter().map(move |n| (s, n))) {
                 let mut covariance = &correlation * (sigma * sigma);
                 (0..n).for_each(|i| covariance[(i, i)] += noise * noise);
@@ -74,29 +84,28 @@ impl Kriging {
                 let density = density(&values, &weights, log_determinant) - sigma / grid.usual;
                 if density > densest {
                     densest = density;
-                    best = Some((density, weights, root, length, sigma * sigma));
+                    best = Some((density, weights, root, kernel, sigma * sigma));
                 }
             }
             best
         };
         let of_lengths: Vec<_> = grid.lengths.par_iter().map(best_of).collect();
         let denser = |a: Fit, b: Fit| if b.0 > a.0 { b } else { a };
-        let (_, weights, root, length, variance) = of_lengths.into_iter().flatten().reduce(denser)?;
-        Some(Self { anchors, weights, root, length, across: grid.across, variance })
+        let (_, weights, root, kernel, variance) = of_lengths.into_iter().flatten().reduce(denser)?;
+        Some(Self { anchors, weights, root, kernel, variance })
     }
 
     /// The mean at a place.
     pub(super) fn mean(&self, at: &Place) -> f64 {
         let sum = self.anchors.iter().zip(self.weights.iter());
-        self.variance
-            * sum.map(|(anchor, weight)| weight * correlation(anchor, at, self.length, self.across)).sum::<f64>()
+        self.variance * sum.map(|(anchor, weight)| weight * self.kernel.correlation(anchor, at)).sum::<f64>()
     }
 
     /// The mean, and the share of the process' variance that is left, 0–1. O(anchors²).
     pub(super) fn mean_and_doubt(&self, at: &Place) -> (f64, f64) {
         let k = DVector::from_iterator(
             self.anchors.len(),
-            self.anchors.iter().map(|anchor| self.variance * correlation(anchor, at, self.length, self.across)),
+            self.anchors.iter().map(|anchor| self.variance * self.kernel.correlation(anchor, at)),
         );
         let explained = k.dot(&self.root.solve(&k));
         (k.dot(&self.weights), (1.0 - explained / self.variance).clamp(0.0, 1.0))
@@ -110,17 +119,18 @@ fn density(values: &DVector<f64>, solved: &DVector<f64>, log_determinant: f64) -
     -0.5 * (values.dot(solved) + log_determinant)
 }
 
-fn correlation(a: &Place, b: &Place, length: f64, across: f64) -> f64 {
-    let apart = a.0 - b.0;
-    let along = || apart.dot(&a.1).powi(2).max(apart.dot(&b.1).powi(2));
-    let more = across * across - 1.0;
-    let squared = apart.norm_squared() + if more == 0.0 { 0.0 } else { more * along() };
-    if squared >= length * length {
-        return 0.0;
+impl Kernel {
+    fn correlation(&self, a: &Place, b: &Place) -> f64 {
+        let apart = a.0 - b.0;
+        let along = || apart.dot(&a.1).powi(2).max(apart.dot(&b.1).powi(2));
+        let more = self.across * self.across - 1.0;
+        let squared = apart.norm_squared() + if more == 0.0 { 0.0 } else { more * along() };
+        if squared >= self.length * self.length {
+            return 0.0;
+        }
+        let d = squared.sqrt() / self.length;
+        (1.0 - d).powi(4) * (4.0 * d + 1.0) * (0.5 * (1.0 + a.1.dot(&b.1))).powi(self.facing)
     }
-    let d = squared.sqrt() / length;
-    let facing = 0.5 * (1.0 + a.1.dot(&b.1));
-    (1.0 - d).powi(4) * (4.0 * d + 1.0) * facing * facing
 }
 
 /// Means over cells of position and rounded normal.
@@ -154,6 +164,7 @@ mod tests {
         noises: &[0.05, 0.3],
         usual: 1.0,
         across: 1.0,
+        facing: 2,
         or_noise: true,
     };
 

@@ -12,6 +12,7 @@ const GRID: Grid = Grid {
     noises: &[0.08, 0.16, 0.3],
     usual: 0.5,
     across: 2.0,
+    facing: 2,
     or_noise: false,
 };
 /// Of being thin (1) or thick (0).

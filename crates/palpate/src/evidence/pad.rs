@@ -25,7 +25,7 @@ struct Pad {
     gel: Raster<f32>,
     /// What holds the layer, in the sensor frame.
     layer: Aabb,
-    /// The same in the world.
+    /// A cube round the ball round it, in the world.
     bounds: Aabb,
     /// How far behind the gel nothing is claimed, metres.
     margin: f64,
@@ -48,6 +48,7 @@ impl PadClearance {
         Self { pads, near, thickness }
     }
 
+    /// Adds one more; the index of all is made anew.
     pub(super) fn add(&mut self, patch: &Patch, covariance: &Matrix6<f64>) {
         let Some(pad) = Pad::new(patch, covariance, self.thickness) else { return };
         self.pads.push(pad);

@@ -2,7 +2,7 @@ use super::element::SymmetryElement;
 use super::score::{BLOCK, Scorer, Tolerances};
 
 /// An element whose score is behind another's by this over the root of the votes counted is clearly worse: three σ of the difference of two
-/// sums of the same votes.
+/// means over the same votes, of elements that are near one another.
 const BEHIND: f64 = 0.6;
 
 /// The score of an element on ever more votes.
@@ -30,7 +30,8 @@ impl Scorer<'_> {
             parts.push(value);
             behind < BEHIND / (votes as f64).sqrt()
         });
-        let value = score.map_or_else(|| best.map_or(f64::NEG_INFINITY, |b| b.value) - behind, |s| s.value());
+        // Without another nothing is given up.
+        let value = score.map_or_else(|| best.map_or(0.0, |b| b.value) - behind, |s| s.value());
         Course { value, parts }
     }
 }

@@ -1,4 +1,3 @@
-use super::course::Course;
 use super::element::SymmetryElement;
 use super::refine::refine_near;
 use super::score::{Score, Scorer, Tolerances};
@@ -8,7 +7,7 @@ use rayon::prelude::*;
 /// Planes closer than this are one candidate: cosine of the normals, and offset at the evidence's centroid, metres.
 const SAME_COSINE: f64 = 0.96;
 const SAME_OFFSET: f64 = 0.012;
-/// A candidate whose partial score falls below this is given up.
+/// A candidate whose score falls below this, on any number of blocks of votes, is given up.
 const FLOOR: f64 = -0.12;
 
 /// A plane is upright whose normal has a smaller cosine with "up" than this.
@@ -49,15 +48,15 @@ pub(super) fn search_offsets(scorer: &Scorer, normal: &Vector) -> Option<Plane> 
     let (low, high) = extent(scorer, normal);
     let count = 4 * params.offsets;
     let at = |k: usize| low + (high - low) * (k as f64 + 0.5) / count as f64;
-    let mut best: Option<(Course, Plane)> = None;
+    let mut best: Option<(f64, Plane)> = None;
     for plane in (0..count).filter_map(|k| Plane::new(*normal, &Point::from(normal * at(k)))) {
         let element = SymmetryElement::Reflection(plane);
-        let course = scorer.course(&element, &tolerances, params.search_samples, best.as_ref().map(|b| &b.0));
-        if best.as_ref().is_none_or(|b| course.value > b.0.value) {
-            best = Some((course, plane));
+        let value = scorer.score(&element, &tolerances, params.search_samples).value();
+        if best.as_ref().is_none_or(|b| value > b.0) {
+            best = Some((value, plane));
         }
     }
-    best.filter(|b| b.0.value > 0.0).map(|b| b.1)
+    best.filter(|b| b.0 > 0.0).map(|b| b.1)
 }
 
 /// Upright planes about perpendicular to the best found one, refined with the fine tolerances alone: what stands and has one upright plane of

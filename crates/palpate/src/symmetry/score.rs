@@ -163,7 +163,7 @@ impl<'a> Scorer<'a> {
         self.score_while(element, tolerances, count, |_, _| true).unwrap_or_default()
     }
 
-    /// The same, but gives up (`None`) once a part of the votes scores below `floor`.
+    /// The same, but gives up (`None`) once the votes so far, after any block of them, score below `floor`.
     pub(super) fn score_unless_bad(
         &self,
         element: &SymmetryElement,
