@@ -258,29 +258,54 @@ mod tests {
         // Two planes that meet in a ridge along the middle column, and noise.
         let camera = camera();
         let ridge = |col: usize| 0.6 + 0.002 * (col as f64 - 40.0).abs();
-        let mut rng = Pcg64Mcg::seed_from_u64(3);
-        let mut noisy = |sigma: f64| {
-            let noise = Normal::new(0.0, sigma).expect("finite");
+        let object = Raster::filled(camera.height, camera.width, true);
+        let noisy = |sigma: f64| {
+            let (mut rng, noise) = (Pcg64Mcg::seed_from_u64(3), Normal::new(0.0, sigma).expect("finite"));
             Raster::from_fn(camera.height, camera.width, |_, col| (ridge(col) + noise.sample(&mut rng)) as f32)
         };
-        let (said, twice) = (noisy(1e-3), noisy(2e-3));
-        let object = Raster::filled(camera.height, camera.width, true);
-        let error = |depth: &Raster<f32>, min_radius: usize, cols: std::ops::Range<usize>| {
-            let params = SmoothParams { min_radius, ..SmoothParams::default() };
-            let (smooth, _) = smooth_depth(depth, &object, &camera, QUIET, &params);
-            let errors = (5..55).flat_map(|row| cols.clone().map(move |col| (row, col)));
-            let errors: Vec<f64> =
-                errors.map(|at| f64::from(smooth[at]) - ridge(at.1)).filter(|e| e.is_finite()).collect();
-            assert!(errors.len() > 100, "{} pixels stay", errors.len());
-            (errors.iter().map(|e| e * e).sum::<f64>() / errors.len() as f64).sqrt()
+        let error = |depth: &Raster<f32>, sigma: f64, params: &SmoothParams, cols: std::ops::Range<usize>| {
+            let noise = DepthNoise { sigma, sigma_quadratic: 0.0 };
+            let (smooth, _) = smooth_depth(depth, &object, &camera, noise, params);
+            let places = (5..55).flat_map(|row| cols.clone().map(move |col| (row, col)));
+            let errors: Vec<f64> = places.map(|at| f64::from(smooth[at]) - ridge(at.1)).collect();
+            let stay: Vec<f64> = errors.iter().copied().filter(|e| e.is_finite()).collect();
+            ((stay.iter().map(|e| e * e).sum::<f64>() / stay.len() as f64).sqrt(), errors.len() - stay.len())
         };
-        let (rounded, kept) = (error(&said, 4, 39..42), error(&said, 2, 39..42));
-        assert!(kept < 0.75 * rounded, "the ridge: {kept} m, with one window for all {rounded} m");
-        // Of a sensor that is twice as noisy as is said, too.
-        for depth in [said, twice] {
-            let (flat, adaptive) = (error(&depth, 4, 10..30), error(&depth, 2, 10..30));
-            assert!(adaptive < 1.25 * flat, "the plane: {adaptive} m, with one window for all {flat} m");
+        let here = SmoothParams::default();
+        let one = SmoothParams { min_radius: here.radius, shift: 0, ..here };
+        // The pixels on the ridge itself are 4 σ from any window's plane if σ is 0.3 mm, and are dropped.
+        let places = [(1e-3, 36..39), (1e-3, 39..42), (1e-3, 42..45), (3e-4, 36..39), (3e-4, 42..45)];
+        for (sigma, cols) in places {
+            let depth = noisy(sigma);
+            let [kept, rounded] = [here, one].map(|p| error(&depth, sigma, &p, cols.clone()));
+            let said = format!("{kept:?} (m, dropped), with one window for all {rounded:?}");
+            assert!(kept.0 < 0.9 * rounded.0 && kept.1 == 0, "columns {cols:?}, σ {sigma}: {said}");
         }
+        // Of a sensor that is twice as noisy as is said, too.
+        for depth in [noisy(1e-3), noisy(2e-3)] {
+            let (adaptive, flat) = (error(&depth, 1e-3, &here, 10..30), error(&depth, 1e-3, &one, 10..30));
+            assert!(
+                adaptive.0 < 1.25 * flat.0 && adaptive.1 <= flat.1,
+                "the plane: {adaptive:?} (m, dropped), with one window for all {flat:?}"
+            );
+        }
+    }
+
+    #[test]
+    fn shrinking_loses_no_pixel() {
+        // A ridge, of which every other column has no reading: a window of 3×3 holds six readings, too few for ten neighbours.
+        let camera = camera();
+        let depth = Raster::from_fn(camera.height, camera.width, |_, col| {
+            if col % 2 == 0 { f32::NAN } else { 0.6 + 0.002 * (col as f32 - 40.0).abs() }
+        });
+        let object = depth.map(|z| !z.is_nan());
+        let one = SmoothParams { min_radius: 4, shift: 0, min_neighbours: 10, ..SmoothParams::default() };
+        let kept = |params: &SmoothParams| {
+            let (smooth, _) = smooth_depth(&depth, &object, &camera, QUIET, params);
+            smooth.as_slice().iter().filter(|z| !z.is_nan()).count()
+        };
+        let (shrunk, alone) = (kept(&SmoothParams { min_radius: 1, ..one }), kept(&one));
+        assert!(shrunk >= alone && alone > 1500, "{shrunk} pixels of {alone}");
     }
 
     #[test]
@@ -394,5 +419,11 @@ mod tests {
         assert_eq!(SmoothParams::default().fault(), None);
         let wrong = SmoothParams { radius: 0, ..SmoothParams::default() };
         assert_eq!(wrong.fault(), Some(("smooth.radius", 0.0, "between 1 and 8 pixels")));
+        for max_misfit in [f64::NAN, -1.0] {
+            let wrong = SmoothParams { max_misfit, ..SmoothParams::default() };
+            assert_eq!(wrong.fault().map(|f| f.0), Some("smooth.max_misfit"));
+        }
+        let wrong = SmoothParams { shift: 9, ..SmoothParams::default() };
+        assert_eq!(wrong.fault(), Some(("smooth.shift", 9.0, "at most 8 pixels")));
     }
 }

@@ -126,7 +126,8 @@ fn misses<'a>(evidence: &'a Evidence, copying: &'a Copying) -> impl Iterator<Ite
 
 #[cfg(test)]
 mod tests {
-    use super::{Correction, Miss};
+    use super::{Correction, Miss, misses};
+    use crate::completion::motion::copyings;
     use crate::completion::{OrbitParams, move_evidence};
     use crate::evidence::testing::{Solid, touch, view};
     use crate::evidence::{Evidence, EvidenceParams, Sample};
@@ -183,5 +184,24 @@ mod tests {
         let (without, with) = (miss(false), miss(true));
         assert!(without > 1.5e-3, "the plane is not misplaced: {without}");
         assert!(with < 0.6e-3, "{with} of {without} is left");
+    }
+
+    #[test]
+    fn two_places_of_a_ball_do_not_miss_one_another() {
+        let (center, radius) = (Point::new(0.0, 0.0, 0.016), 0.016);
+        let solids = [Solid::Sphere(center, radius)];
+        let (frame, visible) = view(&solids, 0.0);
+        let back = touch(&solids, center - Vector::x() * 0.1, center);
+        let evidence =
+            Evidence::gather(&frame, &visible, &[back], &EvidenceParams::default()).expect("the ball is seen");
+        let score = Score { support: 0.8, informative: 0.8, ..Score::default() };
+        let element = SymmetryElement::Reflection(Plane::new(Vector::x(), &center).expect("it has a direction"));
+        let hypothesis = Hypothesis { element, score, confidence: 1.0, covariance: None, rejection: None };
+        let symmetry = Symmetry { accepted: vec![hypothesis], rejected: Vec::new() };
+        let copyings = copyings(&symmetry, radius, 8e-3);
+        let offsets: Vec<f64> = misses(&evidence, &copyings[0]).map(|m| m.offset).collect();
+        let mean = offsets.iter().sum::<f64>() / offsets.len() as f64;
+        // Along the normal of one of the two it were a tenth of a millimetre, outwards.
+        assert!(offsets.len() > 30 && mean.abs() < 5e-5, "{} misses, {mean} m in the mean", offsets.len());
     }
 }

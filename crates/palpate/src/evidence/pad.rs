@@ -201,31 +201,35 @@ mod tests {
     fn of_many_pads_those_near_are_asked() {
         let gel: Vec<Point> =
             (0..441).map(|i| Point::new(f64::from(i % 21) * 5e-4, f64::from(i / 21) * 5e-4, 0.0)).collect();
-        let at = |i: i32| {
-            let place = Vector::new(f64::from(i % 4) * 0.013, f64::from(i / 4) * 0.017, f64::from(i % 3) * 0.004);
-            Isometry::new(place, Vector::new(0.3, 0.2, 0.1) * f64::from(i))
-        };
-        let patch = |i: i32| Patch {
-            points: vec![],
-            normals: vec![],
-            clearance: gel.iter().map(|p| at(i) * p).collect(),
-            world_from_sensor: at(i),
-        };
-        let patches: Vec<Patch> = (0..16).map(patch).collect();
-        let one = |p: &Patch| PadClearance::new(std::slice::from_ref(p), &[Matrix6::zeros()], 0.003);
-        let alone: Vec<PadClearance> = patches.iter().map(one).collect();
-        let all = PadClearance::new(&patches, &[Matrix6::zeros(); 16], 0.003);
-        let mut grown = PadClearance::new(&patches[..9], &[Matrix6::zeros(); 9], 0.003);
-        patches[9..].iter().for_each(|p| grown.add(p, &Matrix6::zeros()));
-        let mut claims = 0;
-        for i in 0..20_000_i32 {
-            let part = |n: i32| f64::from((i.wrapping_mul(n) >> 3).rem_euclid(997)) / 997.0;
-            let p = Point::new(part(7919) * 0.09 - 0.02, part(104_729) * 0.1 - 0.02, part(1_299_709) * 0.05 - 0.02);
-            let expected = alone.iter().map(|pad| pad.clearance(&p)).fold(0.0, f64::max);
-            assert_eq!((all.clearance(&p).max(0.0), grown.clearance(&p).max(0.0)), (expected, expected), "at {p}");
-            claims += usize::from(expected > 0.0);
+        // Side by side, and so far apart that the cells of the index grow.
+        for apart in [1.0, 12.0] {
+            let at = |i: i32| {
+                let place = Vector::new(f64::from(i % 4) * 0.013, f64::from(i / 4) * 0.017, f64::from(i % 3) * 0.004);
+                Isometry::new(place * apart, Vector::new(0.3, 0.2, 0.1) * f64::from(i))
+            };
+            let patch = |i: i32| Patch {
+                points: vec![],
+                normals: vec![],
+                clearance: gel.iter().map(|p| at(i) * p).collect(),
+                world_from_sensor: at(i),
+            };
+            let patches: Vec<Patch> = (0..16).map(patch).collect();
+            let one = |p: &Patch| PadClearance::new(std::slice::from_ref(p), &[Matrix6::zeros()], 0.003);
+            let alone: Vec<PadClearance> = patches.iter().map(one).collect();
+            let all = PadClearance::new(&patches, &[Matrix6::zeros(); 16], 0.003);
+            let mut grown = PadClearance::new(&patches[..9], &[Matrix6::zeros(); 9], 0.003);
+            patches[9..].iter().for_each(|p| grown.add(p, &Matrix6::zeros()));
+            let mut claims = 0;
+            for i in 0..20_000_i32 {
+                let part = |n: i32| f64::from((i.wrapping_mul(n) >> 3).rem_euclid(997)) / 997.0;
+                let beside = |n: i32| part(n) * 0.016 - 0.003;
+                let p = at(i % 16) * Point::new(beside(7919), beside(104_729), part(1_299_709) * 0.008 - 0.006);
+                let expected = alone.iter().map(|pad| pad.clearance(&p)).fold(0.0, f64::max);
+                assert_eq!((all.clearance(&p).max(0.0), grown.clearance(&p).max(0.0)), (expected, expected), "at {p}");
+                claims += usize::from(expected > 0.0);
+            }
+            assert!((1000..15_000).contains(&claims), "{claims} places are free");
         }
-        assert!(claims > 100, "{claims} places are free");
     }
 
     #[test]

@@ -420,4 +420,23 @@ mod tests {
         };
         assert_eq!(run(1), run(3));
     }
+
+    #[test]
+    fn an_axis_is_refined_or_rejected() {
+        let (center, params) = (Point::new(0.01, -0.005, 0.04), SymmetryParams::default());
+        let refined = |solid: Solid, point: Point, direction: Vector| {
+            let evidence = evidence(&[solid], &[]);
+            let scorer = Scorer::new(&evidence, &params);
+            refined_axis(&scorer, &(point, Unit::new_normalize(direction)))
+        };
+        let can = Solid::Cylinder(center, 0.03, 0.04);
+        let near = refined(can, center + Vector::new(0.003, 0.0, 0.0), Vector::new(0.05, 0.03, 1.0));
+        let SymmetryElement::Axis { point, direction, .. } = near.element else { panic!("{near:?}") };
+        let miss = (center - point).cross(&direction).norm();
+        assert!(near.rejection.is_none() && direction.z.abs() > 0.9995 && miss < 0.001, "{near:?}");
+        // Across a flat box nothing turns into itself.
+        let flat = Solid::Box(Point::new(0.0, 0.0, 0.01), Vector::new(0.05, 0.03, 0.01), 0.3);
+        let across = refined(flat, Point::new(0.0, 0.0, 0.01), Vector::new(0.3, 1.0, 0.0));
+        assert!(across.rejection.is_some(), "{across:?}");
+    }
 }

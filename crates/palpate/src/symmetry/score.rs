@@ -410,4 +410,37 @@ mod tests {
         }
         assert!(free > 50 && pads > 0 && met > 50, "{free} in free space, {pads} behind gel, {met} on the surface");
     }
+
+    #[test]
+    fn a_score_is_the_mean_of_its_votes() {
+        let (evidence, params) = (evidence(), SymmetryParams::default());
+        let scorer = Scorer::new(&evidence, &params);
+        let fine = Tolerances::fine(&params);
+        let turn = |k: usize| {
+            let (sin, cos) = scorer.turns[k % TURNS];
+            Motion::rotation(&CENTER, &Vector::z_axis(), sin.atan2(cos))
+        };
+        let SymmetryElement::Reflection(plane) = upright(0.8, 0.004) else { unreachable!("made of a plane") };
+        let motions: [(SymmetryElement, &dyn Fn(usize) -> Motion); 2] = [
+            (SymmetryElement::Reflection(plane), &|_| Motion::reflection(&plane)),
+            (SymmetryElement::Axis { point: CENTER, direction: Vector::z_axis(), order: None }, &turn),
+        ];
+        // Not a multiple of a block.
+        let count = 2 * BLOCK + 5;
+        for (element, motion) in motions {
+            let score = scorer.score(&element, &fine, count);
+            let one = |(k, s): (usize, &Sample)| {
+                let m = motion(k);
+                scorer.of_one(s, &m.point(&s.position), &m.vector(&s.normal), &fine)
+            };
+            let alone: Vec<Score> = scorer.votes[..count].iter().enumerate().map(one).collect();
+            let mean = |of: fn(&Score) -> f64| alone.iter().map(of).sum::<f64>() / count as f64;
+            let parts: [fn(&Score) -> f64; 5] =
+                [|s| s.support, |s| s.informative, |s| s.violation, |s| s.contradiction, |s| s.neutral];
+            for part in parts {
+                assert!((part(&score) - mean(part)).abs() < 1e-6, "{element:?}: {score:?}");
+            }
+            assert!(score.opposition() > 0.0 && score.neutral > 0.0, "{score:?}");
+        }
+    }
 }
