@@ -148,7 +148,7 @@ impl<'a> Windows<'a> {
 
     /// The fit in the window around a pixel.
     fn around(&self, at: (usize, usize), radius: usize) -> Option<WindowFit> {
-        fit_window(self.depth, self.object, at, radius, self.sigma(at), self.params)
+        fit_window(self.depth, self.object, at, radius.min(MAX_RADIUS), self.sigma(at), self.params)
     }
 
     fn sigma(&self, at: (usize, usize)) -> f64 {
@@ -412,6 +412,15 @@ mod tests {
         let rays_steep = SmoothParams { min_incidence_cosine: 0.5, ..SmoothParams::default() };
         let (smooth, normals) = smooth_depth(&depth, &depth.map(|z| *z > 0.0), &camera, QUIET, &rays_steep);
         assert!(smooth[(30, 40)].is_nan() && normals[(30, 40)] == [0.0; 3]);
+    }
+
+    #[test]
+    fn parameters_that_are_not_validated_do_not_panic() {
+        let camera = camera();
+        let flat = Raster::filled(60, 80, 0.5);
+        let wild = SmoothParams { radius: 40, min_radius: 0, shift: usize::MAX, ..SmoothParams::default() };
+        let (smooth, _) = smooth_depth(&flat, &flat.map(|_| true), &camera, QUIET, &wild);
+        assert!((smooth[(30, 40)] - 0.5).abs() < 1e-5);
     }
 
     #[test]
