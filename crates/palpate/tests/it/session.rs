@@ -1,5 +1,6 @@
 //! Touches that come one by one: close to a reconstruction with all of them, the very same once settled, and wary.
 
+use palpate::evidence::Evidence;
 use palpate::geometry::{Aabb, Bvh, KdTree, Point, Topology, TriangleMesh, Vector};
 use palpate::metrics::{CompareParams, SurfaceSamples, TruthReference};
 use palpate::pipeline::{
@@ -7,6 +8,7 @@ use palpate::pipeline::{
 };
 use palpate::scene::Scene;
 use palpate::simulate::{SimulateParams, Solid, TouchParams, TouchReach, simulate_scene};
+use palpate::symmetry::{Symmetry, SymmetryEstimator};
 use palpate::tactile::Touch;
 
 fn params() -> ReconstructParams {
@@ -75,21 +77,33 @@ fn followed_touches_agree_with_a_full_reconstruction_and_settle_to_it() {
     assert!(session.is_settled() && session.reconstruction().mesh == full.mesh, "settled is the very same");
 }
 
+/// The symmetries of another reconstruction.
+struct Same(Symmetry);
+
+impl SymmetryEstimator for Same {
+    fn estimate(&self, _: &Evidence) -> Symmetry {
+        self.0.clone()
+    }
+}
+
 #[test]
 fn one_more_touch_agrees_with_a_full_reconstruction() {
-    // Corrections of the copies and far sides learn of a touch when it is settled only: here both sides go without.
+    // Symmetries, corrections of the copies and far sides learn of a touch when it is settled only: here both sides have the same
+    // symmetries, and go without the others.
     let mut params = params();
     (params.orbit.correct, params.orbit.far_sides) = (false, false);
-    for (name, touches) in [("tabbed-box", 6), ("cylinder", 3)] {
+    for (name, touches) in [("tabbed-box", 4), ("tabbed-box", 6), ("cylinder", 3)] {
         let scene = scene(&solid(name), touches);
-        let full = reconstruct(&scene, &params, &Stages::default()).expect("it is seen").mesh;
+        let full = reconstruct(&scene, &params, &Stages::default()).expect("it is seen");
+        let same = Same(full.symmetry);
         let mut known = scene;
         let last = known.touches.pop().expect("there are some");
-        let mut session = Session::start(known, &params, Stages::default()).expect("it is seen");
+        let stages = Stages { symmetry: Some(&same), ..Stages::default() };
+        let mut session = Session::start(known, &params, stages).expect("it is seen");
         let before = session.reconstruction().mesh.clone();
         let update = session.add_touch(last).expect("taken in");
         assert!(matches!(update.followed, Followed::Locally), "{update:?}");
-        let (agree, stale) = (iou(&session.reconstruction().mesh, &full), iou(&before, &full));
+        let (agree, stale) = (iou(&session.reconstruction().mesh, &full.mesh), iou(&before, &full.mesh));
         assert!(agree > 0.98 && agree >= stale, "{name}: IoU with the full one {agree}, before the touch {stale}");
     }
 }
