@@ -293,19 +293,22 @@ mod tests {
 
     #[test]
     fn shrinking_loses_no_pixel() {
-        // A ridge, of which every other column has no reading: a window of 3×3 holds six readings, too few for ten neighbours.
+        // A ridge and noise. A window of 7×7 holds 49 readings, too few for 50 neighbours.
         let camera = camera();
+        let (mut rng, noise) = (Pcg64Mcg::seed_from_u64(3), Normal::new(0.0, 1e-3).expect("finite"));
         let depth = Raster::from_fn(camera.height, camera.width, |_, col| {
-            if col % 2 == 0 { f32::NAN } else { 0.6 + 0.002 * (col as f32 - 40.0).abs() }
+            (0.6 + 0.002 * (col as f64 - 40.0).abs() + noise.sample(&mut rng)) as f32
         });
-        let object = depth.map(|z| !z.is_nan());
-        let one = SmoothParams { min_radius: 4, shift: 0, min_neighbours: 10, ..SmoothParams::default() };
-        let kept = |params: &SmoothParams| {
-            let (smooth, _) = smooth_depth(&depth, &object, &camera, QUIET, params);
-            smooth.as_slice().iter().filter(|z| !z.is_nan()).count()
+        let object = depth.map(|_| true);
+        let kept = |min_radius: usize, min_neighbours: usize| {
+            let params = SmoothParams { min_radius, min_neighbours, shift: 0, ..SmoothParams::default() };
+            let (smooth, _) = smooth_depth(&depth, &object, &camera, QUIET, &params);
+            smooth.map(|z| z.to_bits())
         };
-        let (shrunk, alone) = (kept(&SmoothParams { min_radius: 1, ..one }), kept(&one));
-        assert!(shrunk >= alone && alone > 1500, "{shrunk} pixels of {alone}");
+        let (one, shrunk, too_few) = (kept(4, 50), kept(3, 6), kept(3, 50));
+        let differ = one.pixels().filter(|&(r, c, z)| *z != shrunk[(r, c)]).count();
+        assert!(differ > 100, "{differ} pixels have smaller windows where they may");
+        assert_eq!(too_few.as_slice(), one.as_slice());
     }
 
     #[test]

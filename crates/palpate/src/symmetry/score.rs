@@ -265,7 +265,7 @@ impl<'a> Scorer<'a> {
         let mut sum = Score::default();
         for (s, m) in body.fitting.iter().flat_map(|s| body.motions.iter().map(move |m| (s, m))) {
             let (p, n) = (m.point(&s.position), m.vector(&s.normal));
-            self.vote(&mut sum, tolerances, s, &p, &n, &self.landings(&[p], &[n])[0]);
+            self.vote_alone(&mut sum, tolerances, s, &p, &n);
         }
         Score::mean(&sum, (body.fitting.len() * body.motions.len()) as f64)
     }
@@ -273,8 +273,12 @@ impl<'a> Scorer<'a> {
     /// The vote of one sample that moved to `p` with normal `n`.
     pub(super) fn of_one(&self, before: &Sample, p: &Point, n: &Vector, tolerances: &Tolerances) -> Score {
         let mut sum = Score::default();
-        self.vote(&mut sum, tolerances, before, p, n, &self.landings(&[*p], &[*n])[0]);
+        self.vote_alone(&mut sum, tolerances, before, p, n);
         sum
+    }
+
+    fn vote_alone(&self, sum: &mut Score, tolerances: &Tolerances, before: &Sample, p: &Point, n: &Vector) {
+        self.vote(sum, tolerances, before, p, n, &self.landings(&[*p], &[*n])[0]);
     }
 
     /// What moved samples find.
