@@ -6,6 +6,7 @@ use super::motion::Copying;
 use super::orbit::{Covered, MovedEvidence, OrbitParams, in_free_space, leaves_orbit};
 use super::thickness::Thickness;
 use crate::evidence::{Evidence, Provenance, Sample, firsts, thinned};
+use crate::geometry::Point;
 use rayon::prelude::*;
 
 /// Guesses that the process knows less of than this are not made: share of its variance left.
@@ -25,13 +26,12 @@ const HEART: f64 = 0.7;
 /// Returns guesses and their weights: `params.weight`, less what the process does not know; of copies, that of the symmetry, less the mean of it.
 /// O(samples · (log samples + cells²) + guesses · copyings · log samples), at most 150 cells.
 pub(super) fn far_sides(evidence: &Evidence, moved: &MovedEvidence, params: &OrbitParams) -> (Vec<Sample>, Vec<f64>) {
-    let known = KnownSides::new(thinned(evidence.samples.iter().chain(&moved.kept), CELL));
-    let balls = inscribed_balls(&evidence.contour, &known.samples);
+    let free = |p: &Point| evidence.free_space.signed_distance(p);
+    let known = KnownSides::new(thinned(evidence.samples.iter().chain(&moved.kept), CELL), free);
+    let balls = inscribed_balls(&evidence.contour, &known.samples, free);
     let Some(thickness) = Thickness::learn(&known, &balls) else { return Default::default() };
     let covered = Covered::new(&known.samples, params);
-    let vacant = |far: &Sample| {
-        evidence.free_space.signed_distance(&far.position) <= 0.0 && !covered.holds(&far.position, &far.normal)
-    };
+    let vacant = |far: &Sample| free(&far.position) <= 0.0 && !covered.holds(&far.position, &far.normal);
     let guess = |i: usize| {
         let near = known.samples[i];
         if known.sides[i].is_some() || matches!(near.provenance, Provenance::Moved { .. }) {
@@ -130,7 +130,7 @@ mod tests {
     use crate::completion::move_evidence;
     use crate::evidence::testing::{Solid, touch, view};
     use crate::evidence::{EvidenceParams, SampleIndex};
-    use crate::geometry::{Plane, Point, Vector};
+    use crate::geometry::{Plane, Vector};
     use crate::symmetry::{Hypothesis, Score, Symmetry, SymmetryElement};
 
     /// Guesses for a board whose middle is 40 mm above the support, seen from above and felt from below at the origin.
@@ -215,7 +215,7 @@ mod tests {
             let normal = Vector::new(cos, sin, 0.0);
             Sample { position: Point::from(normal * 0.05), normal, sigma: 1e-3, provenance: Provenance::Seen }
         };
-        let known = KnownSides::new((0..16).map(sample).collect());
+        let known = KnownSides::new((0..16).map(sample).collect(), |_| -1.0);
         let guess = |k: usize, depth: f64| {
             let near = sample(k);
             let far = Sample { position: near.position - near.normal * depth, normal: -near.normal, ..near };

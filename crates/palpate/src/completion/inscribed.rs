@@ -1,6 +1,6 @@
 use super::kriging::Place;
 use crate::evidence::{ContourPoint, Provenance, Sample, firsts};
-use crate::geometry::{KdTree, Point};
+use crate::geometry::{KdTree, Point, Vector};
 use rayon::prelude::*;
 
 /// Sides opposite are looked for this far from the contour, metres: a ball larger than this says "thick", not how thick.
@@ -13,6 +13,8 @@ const BLUR: f64 = 2e-3;
 const TURNED: f64 = -0.3;
 /// A sample within this share of the radius shows that the ball crosses a surface. Not 1: an edge beside the contour cuts the ball's rim.
 const CORE: f64 = 0.6;
+/// Nor is any of the ball's core this deep in free space, metres.
+const OUTSIDE: f64 = 1e-3;
 
 /// A ball inside the object that touches its surface at the occluding contour and at a sample opposite.
 pub(super) struct Ball {
@@ -40,8 +42,14 @@ impl Ball {
 /// Ma, Bae & Choi, *3D medial axis point approximation using nearest neighbors and the normal field*, The Visual Computer 28, 2012,
 /// eq. 1. Departure: samples of the same side do not shrink the ball, as their noise would; they may only forbid it.
 ///
+/// * `free` – positive in free space, metres
+///
 /// O(cells of the contour · samples within 60 mm).
-pub(super) fn inscribed_balls(contour: &[ContourPoint], samples: &[Sample]) -> Vec<Ball> {
+pub(super) fn inscribed_balls(
+    contour: &[ContourPoint],
+    samples: &[Sample],
+    free: impl Fn(&Point) -> f64 + Sync,
+) -> Vec<Ball> {
     let samples: Vec<&Sample> = samples.iter().filter(|s| !matches!(s.provenance, Provenance::Moved { .. })).collect();
     let points: Vec<Point> = samples.iter().map(|s| s.position).collect();
     let tree = KdTree::new(&points);
@@ -60,8 +68,11 @@ pub(super) fn inscribed_balls(contour: &[ContourPoint], samples: &[Sample]) -> V
             diameter,
             opposite: (samples[i].position, samples[i].normal),
         };
-        let crossed = tree.nearest_n(&ball.center, 1).iter().any(|(_, distance)| *distance < CORE * 0.5 * diameter);
-        (diameter > BLUR && !crossed).then_some(ball)
+        let core = CORE * 0.5 * diameter;
+        let crossed = tree.nearest_n(&ball.center, 1).iter().any(|(_, distance)| *distance < core);
+        let steps = [Vector::zeros(), Vector::x(), Vector::y(), Vector::z()].map(|d| d * core);
+        let outside = || steps.iter().any(|d| free(&(ball.center + d)).max(free(&(ball.center - d))) > OUTSIDE);
+        (diameter > BLUR && !crossed && !outside()).then_some(ball)
     };
     contour.par_iter().filter_map(ball).collect()
 }
@@ -71,12 +82,12 @@ mod tests {
     use super::*;
     use crate::evidence::testing::{Solid, view};
     use crate::evidence::{Evidence, EvidenceParams, thinned};
-    use crate::geometry::Vector;
 
     fn diameters(solid: Solid) -> Vec<f64> {
         let (frame, visible) = view(&[solid], 0.0);
         let evidence = Evidence::gather(&frame, &visible, &[], &EvidenceParams::default()).expect("it is seen");
-        let balls = inscribed_balls(&evidence.contour, &thinned(evidence.samples.iter(), 3e-3));
+        let free = |p: &Point| evidence.free_space.signed_distance(p);
+        let balls = inscribed_balls(&evidence.contour, &thinned(evidence.samples.iter(), 3e-3), free);
         let mut diameters: Vec<f64> = balls.iter().map(|b| b.diameter).collect();
         diameters.sort_unstable_by(f64::total_cmp);
         diameters
@@ -99,5 +110,24 @@ mod tests {
         let found = diameters(Solid::Box(Point::new(0.0, 0.0, 0.025), Vector::new(0.05, 0.04, 0.025), 0.3));
         assert!(!found.is_empty(), "no ball at all");
         assert!(found.iter().all(|d| *d > 0.03), "{:?}", &found[..found.len().min(5)]);
+    }
+
+    #[test]
+    fn no_ball_spans_free_space() {
+        // A sample that faces down and one 20 mm above it that faces up: of one part, or of two with a gap between.
+        let at = |z: f64, up: f64| (Point::new(0.0, 0.0, z), Vector::z() * up);
+        let (below, above) = (at(0.04, -1.0), at(0.06, 1.0));
+        let contour = [ContourPoint { position: below.0, normal: below.1 }];
+        let (position, normal) = above;
+        let samples = [Sample { position, normal, sigma: 1e-3, provenance: Provenance::Seen }];
+        let balls = |free: fn(&Point) -> f64| inscribed_balls(&contour, &samples, free).len();
+        assert_eq!(balls(|_| -1.0), 1);
+        assert_eq!(balls(|p| if (p.z - 0.05).abs() < 2e-3 { 2e-3 } else { -1.0 }), 0, "a gap in the middle");
+        assert_eq!(balls(|p| if p.x > 5e-3 { p.x - 4e-3 } else { -1.0 }), 0, "free beside the middle");
+        assert_eq!(
+            balls(|p| if p.z > 0.058 { p.z - 0.058 } else { -1.0 }),
+            1,
+            "at its rim a ball may be in free space"
+        );
     }
 }

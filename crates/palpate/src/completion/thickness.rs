@@ -17,8 +17,9 @@ const GRID: Grid = Grid {
 };
 /// Of being thin (1) or thick (0).
 const THIN_GRID: Grid = Grid { sigmas: &[0.5, 1.0], noises: &[0.1, 0.2, 0.4], usual: 1.0, ..GRID };
-/// Parts are thin where they are rather thin than thick.
-const THIN: f64 = 0.5;
+/// Parts are thin where the process says so by this much, of 1 for thin and 0 for thick and for nothing known. A wing whose far side is not guessed
+/// bulges; a body whose far side is guessed where it is thick is hollow: the latter costs more, but thick parts are seldom mistaken.
+const THIN: f64 = 0.3;
 
 /// How thick parts are, as a function of place.
 pub(super) struct Thickness {
@@ -30,7 +31,7 @@ pub(super) struct Thickness {
 }
 
 impl Thickness {
-    /// From the known sides that touch took part in, and the balls at the contour; `None` if hardly any part is thin.
+    /// From the known sides that touch took part in, the balls at the contour, and where parts are known to end; `None` if hardly any part is thin.
     pub(super) fn learn(known: &KnownSides, balls: &[Ball]) -> Option<Self> {
         let felt =
             |(s, side): (&Sample, &Option<Side>)| Some(((s.position, s.normal), side.filter(|side| side.felt)?.depth));
@@ -42,7 +43,10 @@ impl Thickness {
         }
         let middle = thin.len() / 2;
         let usual = thin.select_nth_unstable_by(middle, f64::total_cmp).1.ln();
-        let is_thin: Vec<(Place, f64)> = all.iter().map(|(at, d)| (*at, f64::from(*d <= THICKEST))).collect();
+        let ends =
+            known.samples.iter().zip(&known.ends).filter(|(_, ends)| **ends).map(|(s, _)| (s.position, s.normal));
+        let is_thin = all.iter().map(|(at, d)| (*at, f64::from(*d <= THICKEST)));
+        let is_thin: Vec<(Place, f64)> = is_thin.chain(ends.map(|at| (at, 1.0))).collect();
         let depth: Vec<(Place, f64)> =
             all.iter().filter(|(_, d)| *d <= THICKEST).map(|(at, d)| (*at, d.ln() - usual)).collect();
         Some(Self { depth: Kriging::fit(&depth, &GRID)?, thin: Kriging::fit(&is_thin, &THIN_GRID)?, usual })

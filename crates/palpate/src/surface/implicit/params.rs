@@ -144,7 +144,7 @@ impl Default for PriorParams {
         Self {
             winding_weight: 0.005,
             winding_sure_weight: 0.2,
-            winding_threshold: 0.30,
+            winding_threshold: 0.2,
             winding_threshold_unguessed: 0.15,
             winding_sample_spacing: 4e-3,
             hull_weight: 0.05,

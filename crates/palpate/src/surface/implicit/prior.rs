@@ -86,7 +86,7 @@ impl Hull {
 }
 
 /// How far under the threshold the winding number says outside for all it can, and as far again from where on it is sure.
-const RAMP: f32 = 0.1;
+const RAMP: f32 = 0.05;
 
 /// Weight of the outside prior at every node of `level`: that of the winding number plus, if a hull is given, its own beyond the margin.
 ///
@@ -151,10 +151,10 @@ mod tests {
         let u = f64::from(winding.at(&level.position(0, 0, 0)));
         for (under, wanted) in [
             (-0.05, 0.0),
-            (0.05, 0.5 * params.winding_weight),
-            (0.1, params.winding_weight),
-            (0.15, params.winding_weight + 0.5 * params.winding_sure_weight),
-            (0.4, params.winding_weight + params.winding_sure_weight),
+            (0.025, 0.5 * params.winding_weight),
+            (0.05, params.winding_weight),
+            (0.075, params.winding_weight + 0.5 * params.winding_sure_weight),
+            (0.2, params.winding_weight + params.winding_sure_weight),
         ] {
             let params = PriorParams { winding_threshold: u + under, ..params.clone() };
             let weight = weights(&level, &winding, None, &params)[level.index(0, 0, 0)];
