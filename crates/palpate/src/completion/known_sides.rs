@@ -115,8 +115,8 @@ impl KnownSides {
 /// The depth at which the line straight into the body comes out of it, if it does within that depth.
 fn into_free_space(s: &Sample, within: f64, free: impl Fn(&Point) -> f64) -> Option<f64> {
     let next = |t: &f64| Some(t + (STEP * t).max(OUTSIDE));
-    let depths = std::iter::successors(Some(BELOW), next).take_while(|t| *t < within);
-    depths.into_iter().find(|t| free(&(s.position - s.normal * *t)) > OUTSIDE)
+    let mut depths = std::iter::successors(Some(BELOW), next).take_while(|t| *t < within);
+    depths.find(|t| free(&(s.position - s.normal * *t)) > OUTSIDE)
 }
 
 #[cfg(test)]

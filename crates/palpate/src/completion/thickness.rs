@@ -62,3 +62,34 @@ impl Thickness {
         (THINNEST..=THICKEST).contains(&depth).then_some((depth, doubt))
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::evidence::Provenance;
+    use crate::geometry::{Point, Vector};
+
+    #[test]
+    fn free_space_close_behind_shows_that_a_part_is_thin() {
+        // A board 8 mm thick, felt on both sides, and far from it a second one of which the upper side alone was seen.
+        let level = |x: f64, z: f64, up: f64, provenance: Provenance| {
+            (0..100).map(move |k| {
+                let position = Point::new(x + f64::from(k % 10) * 3e-3, f64::from(k / 10) * 3e-3, z);
+                Sample { position, normal: Vector::z() * up, sigma: 1e-4, provenance }
+            })
+        };
+        let felt = Provenance::Felt { touch: 0 };
+        let first = level(0.0, 0.1, 1.0, felt).chain(level(0.0, 0.092, -1.0, felt));
+        let samples: Vec<Sample> = first.chain(level(0.4, 0.1, 1.0, Provenance::Seen)).collect();
+        let middle = |x: f64| (Point::new(x + 0.015, 0.015, 0.1), Vector::z());
+        let thickness = |free: fn(&Point) -> f64| {
+            Thickness::learn(&KnownSides::new(samples.clone(), free), &[]).expect("a board is thin")
+        };
+        let closed = thickness(|_| -1.0);
+        let (depth, doubt) = closed.at(&middle(0.0)).expect("the first board");
+        assert!((depth - 8e-3).abs() < 5e-4 && doubt < 0.2, "{depth}, {doubt}");
+        assert!(closed.at(&middle(0.4)).is_none(), "nothing is known of the second");
+        let (_, doubt) = thickness(|p| if p.x > 0.3 { 0.09 - p.z } else { -1.0 }).at(&middle(0.4)).expect("the second");
+        assert!(doubt > 0.9, "that it is thin is known, not how thin: {doubt}");
+    }
+}
