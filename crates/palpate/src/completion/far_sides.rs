@@ -20,7 +20,8 @@ const HEART: f64 = 0.7;
 /// all along the occluding contour ([`inscribed_balls`]): there the far side begins. The logarithm of the thickness is carried along the
 /// surface, from where it is known to where only one side is; the guess there is that side, moved into the body by the thickness and turned
 /// about. Whether the part is thin at all is carried along in the same way, as 1 or 0 (indicator kriging: Journel, *Nonparametric estimation
-/// of spatial distributions*, 1983): parts thicker than 20 mm keep a wing's thickness from the fuselage, and the lip of a can from its side.
+/// of spatial distributions*, 1983): parts thicker than 20 mm keep a wing's thickness
+/// from the fuselage, and the lip of a can from its side; free space close behind a place shows that it is thin.
 /// The accepted symmetries copy the guesses as they copy what was measured.
 ///
 /// Returns guesses and their weights: `params.weight`, less what the process does not know; of copies, that of the symmetry, less the mean of it.

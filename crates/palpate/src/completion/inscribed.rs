@@ -1,3 +1,4 @@
+use super::known_sides::OUTSIDE;
 use super::kriging::Place;
 use crate::evidence::{ContourPoint, Provenance, Sample, firsts};
 use crate::geometry::{KdTree, Point, Vector};
@@ -11,10 +12,8 @@ const CELL: f64 = 3e-3;
 const BLUR: f64 = 2e-3;
 /// The side opposite to the contour faces away from it: greatest cosine between the two normals.
 const TURNED: f64 = -0.3;
-/// A sample within this share of the radius shows that the ball crosses a surface. Not 1: an edge beside the contour cuts the ball's rim.
+/// A sample, or free space, within this share of the radius shows that the ball spans two parts. Not 1: an edge beside the contour cuts the ball's rim.
 const CORE: f64 = 0.6;
-/// Nor is any of the ball's core this deep in free space, metres.
-const OUTSIDE: f64 = 1e-3;
 
 /// A ball inside the object that touches its surface at the occluding contour and at a sample opposite.
 pub(super) struct Ball {

@@ -12,8 +12,8 @@ const WIDTH: f64 = 2.5e-3;
 /// Sides farther than this are not looked for, metres, and the steps in which they are, as a share of the distance.
 const FARTHEST: f64 = 0.15;
 const STRIDE: f64 = 0.15;
-/// Where the line comes out of the body by this much into free space, the part has ended, metres.
-const OUTSIDE: f64 = 1e-3;
+/// A place this deep in free space is outside, metres: less is the outline's blur.
+pub(super) const OUTSIDE: f64 = 1e-3;
 /// The line is searched for free space from here on, metres, in steps of this share of the distance, but no shorter than `OUTSIDE`.
 const BELOW: f64 = 1.5e-3;
 const STEP: f64 = 0.1;
